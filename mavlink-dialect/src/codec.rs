@@ -1,0 +1,379 @@
+//! MAVLink framing: a push decoder that resynchronises and counts, and an encoder.
+//!
+//! | Form | Bytes | Checksum |
+//! | --- | --- | --- |
+//! | v1 | `FE len seq sys comp id payload crc` | CRC-16/MCRF4XX over len..payload, then CRC_EXTRA of the id |
+//! | v2 | `FD len incompat compat seq sys comp id:u24 payload crc [signature:13]` | the same |
+//!
+//! Source: MAVLink guide, "Packet Serialization" and "Message Signing".
+
+use crate::message::Message;
+use crate::{Address, crc};
+use arrayvec::ArrayVec;
+use mavlink::{MavlinkVersion, MessageData};
+
+const STX_V1: u8 = 0xFE;
+const STX_V2: u8 = 0xFD;
+const SIGNED: u8 = 0x01;
+const SIGNATURE_LEN: usize = 13;
+/// Longest frame: v2, 255 bytes of payload, signed.
+pub const MAX_FRAME_LEN: usize = 10 + 255 + 2 + SIGNATURE_LEN;
+
+/// A frame on the wire.
+pub type FrameBytes = ArrayVec<u8, MAX_FRAME_LEN>;
+
+/// A frame whose checksum was right and whose payload was understood.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Who sent it.
+    pub from: Address,
+    /// Sequence number of the sender on this link.
+    pub sequence: u8,
+    /// True if it carried a signature (not checked here).
+    pub is_signed: bool,
+    /// What it says.
+    pub message: Message,
+}
+
+/// What a decoder saw.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DecodeCounters {
+    /// Frames understood.
+    pub frames: u64,
+    /// Bytes outside any frame.
+    pub noise_bytes: u64,
+    /// Frames with a wrong checksum.
+    pub bad_checksum: u64,
+    /// Frames of an id neither dialect knows (their checksum cannot be judged).
+    pub unknown_id: u64,
+    /// Frames with flags we do not understand.
+    pub unknown_flags: u64,
+    /// Frames whose payload holds a value the dialect does not know.
+    pub bad_payload: u64,
+}
+
+/// Push decoder for one byte stream. Feed it any chunks; after each, frames that were completed have been handed out.
+#[derive(Clone, Debug, Default)]
+pub struct Decoder {
+    pending: ArrayVec<u8, { 2 * MAX_FRAME_LEN }>,
+    counters: DecodeCounters,
+}
+
+#[expect(clippy::large_enum_variant, reason = "returned by value and taken apart at once")]
+enum Scan {
+    /// More bytes are needed.
+    Wait,
+    /// This many leading bytes are of no use.
+    Skip(usize),
+    /// A frame of this many bytes.
+    Frame(usize, Frame),
+}
+
+impl Decoder {
+    /// A decoder without memory of earlier bytes.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What was seen so far.
+    #[must_use]
+    pub const fn counters(&self) -> &DecodeCounters {
+        &self.counters
+    }
+
+    /// Takes more bytes; calls `frame` for each frame they complete.
+    pub fn push(&mut self, mut bytes: &[u8], mut frame: impl FnMut(Frame)) {
+        while !bytes.is_empty() {
+            let room = self.pending.remaining_capacity().min(bytes.len());
+            let (now, later) = bytes.split_at(room);
+            // Fits: `room` is at most the remaining capacity.
+            let _ = self.pending.try_extend_from_slice(now);
+            bytes = later;
+            self.drain(&mut frame);
+        }
+    }
+
+    /// Nothing more belongs to the bytes pushed so far: for datagrams, where a frame never continues in the next one.
+    /// What looked like the start of a longer frame is given up, and frames inside it are found.
+    pub fn end_of_datagram(&mut self, mut frame: impl FnMut(Frame)) {
+        while !self.pending.is_empty() {
+            self.counters.noise_bytes += 1;
+            self.pending.drain(..1);
+            self.drain(&mut frame);
+        }
+    }
+
+    fn drain(&mut self, frame: &mut impl FnMut(Frame)) {
+        let mut at = 0;
+        loop {
+            match scan(&self.pending[at..], &mut self.counters) {
+                Scan::Wait => break,
+                Scan::Skip(n) => at += n,
+                Scan::Frame(n, f) => {
+                    at += n;
+                    self.counters.frames += 1;
+                    frame(f);
+                }
+            }
+        }
+        self.pending.drain(..at);
+    }
+}
+
+fn scan(bytes: &[u8], counters: &mut DecodeCounters) -> Scan {
+    let Some(&stx) = bytes.first() else {
+        return Scan::Wait;
+    };
+    if stx != STX_V1 && stx != STX_V2 {
+        let noise = bytes
+            .iter()
+            .position(|b| *b == STX_V1 || *b == STX_V2)
+            .unwrap_or(bytes.len());
+        counters.noise_bytes += noise as u64;
+        return Scan::Skip(noise);
+    }
+    let (version, header_len) = if stx == STX_V1 {
+        (MavlinkVersion::V1, 6)
+    } else {
+        (MavlinkVersion::V2, 10)
+    };
+    if bytes.len() < header_len {
+        return Scan::Wait;
+    }
+    let payload_len = usize::from(bytes[1]);
+    let (is_signed, flags_known) = match version {
+        MavlinkVersion::V1 => (false, true),
+        MavlinkVersion::V2 => (bytes[2] & SIGNED != 0, bytes[2] & !SIGNED == 0),
+    };
+    if !flags_known {
+        counters.unknown_flags += 1;
+        return Scan::Skip(1);
+    }
+    let body_len = header_len + payload_len;
+    let frame_len = body_len + 2 + if is_signed { SIGNATURE_LEN } else { 0 };
+    let (id, sequence, from) = match version {
+        MavlinkVersion::V1 => (
+            u32::from(bytes[5]),
+            bytes[2],
+            Address {
+                system: bytes[3],
+                component: bytes[4],
+            },
+        ),
+        MavlinkVersion::V2 => (
+            u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]),
+            bytes[4],
+            Address {
+                system: bytes[5],
+                component: bytes[6],
+            },
+        ),
+    };
+    if bytes.len() < frame_len {
+        return Scan::Wait;
+    }
+    let Some(extra) = Message::crc_extra(id) else {
+        // Without CRC_EXTRA nothing tells a foreign message from noise. Where the next frame (or nothing) follows, its
+        // length is believed; else only the start byte is stepped over, so that a frame inside is still found.
+        counters.unknown_id += 1;
+        let is_followed_by_a_frame = matches!(bytes.get(frame_len), None | Some(&(STX_V1 | STX_V2)));
+        return Scan::Skip(if is_followed_by_a_frame { frame_len } else { 1 });
+    };
+    let sum = crc::update(crc::update(crc::INIT, &bytes[1..body_len]), &[extra]);
+    if bytes[body_len..body_len + 2] != sum.to_le_bytes() {
+        counters.bad_checksum += 1;
+        return Scan::Skip(1);
+    }
+    match Message::parse(version, id, &bytes[header_len..body_len]) {
+        Ok(message) => Scan::Frame(
+            frame_len,
+            Frame {
+                from,
+                sequence,
+                is_signed,
+                message,
+            },
+        ),
+        Err(_) => {
+            counters.bad_payload += 1;
+            Scan::Skip(frame_len)
+        }
+    }
+}
+
+/// Encoder of one component on one link: MAVLink 2, its own sequence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Encoder {
+    from: Address,
+    sequence: u8,
+}
+
+impl Encoder {
+    /// An encoder that starts at sequence 0.
+    #[must_use]
+    pub const fn new(from: Address) -> Self {
+        Self { from, sequence: 0 }
+    }
+
+    /// One message of a known type as a frame.
+    pub fn encode<D: MessageData>(&mut self, message: &D) -> FrameBytes {
+        let mut payload = [0u8; 255];
+        let n = message.ser(MavlinkVersion::V2, &mut payload);
+        self.frame(D::ID, D::EXTRA_CRC, &payload[..n])
+    }
+
+    /// One message as a frame.
+    pub fn encode_message(&mut self, message: &Message) -> FrameBytes {
+        let mut payload = [0u8; 255];
+        let n = message.write_payload(&mut payload);
+        let id = message.id();
+        self.frame(id, Message::crc_extra(id).unwrap_or(0), &payload[..n])
+    }
+
+    fn frame(&mut self, id: u32, crc_extra: u8, payload: &[u8]) -> FrameBytes {
+        let [id0, id1, id2, _] = id.to_le_bytes();
+        let header = [
+            STX_V2,
+            payload.len() as u8,
+            0,
+            0,
+            self.sequence,
+            self.from.system,
+            self.from.component,
+            id0,
+            id1,
+            id2,
+        ];
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut out = FrameBytes::new();
+        out.extend(header);
+        out.extend(payload.iter().copied());
+        let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[crc_extra]);
+        out.extend(sum.to_le_bytes());
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{raw, standard};
+    use proptest::prelude::*;
+
+    const US: Address = Address {
+        system: 1,
+        component: 1,
+    };
+
+    fn attitude(i: u32) -> standard::ATTITUDE_DATA {
+        standard::ATTITUDE_DATA {
+            time_boot_ms: i,
+            roll: 0.25,
+            yaw: -1.0,
+            ..Default::default()
+        }
+    }
+
+    fn decode(bytes: &[u8]) -> (Vec<Frame>, DecodeCounters) {
+        let mut d = Decoder::new();
+        let mut out = Vec::new();
+        d.push(bytes, |f| out.push(f));
+        (out, *d.counters())
+    }
+
+    #[test]
+    fn one_byte_at_a_time_gives_the_same_frames() {
+        let mut e = Encoder::new(US);
+        let mut stream = vec![1, 2, 3];
+        stream.extend(e.encode(&attitude(7)));
+        let mut broken = e.encode(&attitude(8));
+        broken[12] ^= 0x40;
+        stream.extend(broken);
+        stream.extend(e.encode(&raw::HEARTBEAT_DATA::default()));
+        let (whole, counters) = decode(&stream);
+        let mut d = Decoder::new();
+        let mut single = Vec::new();
+        for b in &stream {
+            d.push(&[*b], |f| single.push(f));
+        }
+        assert_eq!(whole, single);
+        assert_eq!(whole.iter().map(|f| f.sequence).collect::<Vec<_>>(), [0, 2]);
+        assert_eq!(counters.bad_checksum, 1);
+    }
+
+    #[test]
+    fn the_crate_and_our_encoder_write_the_same_bytes() {
+        let header = mavlink::MavHeader {
+            system_id: 1,
+            component_id: 1,
+            sequence: 0,
+        };
+        let mut theirs = Vec::new();
+        let message = standard::MavMessage::ATTITUDE(attitude(99));
+        mavlink::write_v2_msg(&mut theirs, header, &message).unwrap();
+        assert_eq!(
+            Encoder::new(US)
+                .encode_message(&Message::Standard(message))
+                .as_slice(),
+            theirs.as_slice()
+        );
+    }
+
+    #[test]
+    fn version_1_frames_are_understood() {
+        let header = mavlink::MavHeader {
+            system_id: 255,
+            component_id: 190,
+            sequence: 4,
+        };
+        let mut bytes = Vec::new();
+        let m = raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA {
+            mavtype: 6,
+            ..Default::default()
+        });
+        mavlink::write_v1_msg(&mut bytes, header, &m).unwrap();
+        let (frames, _) = decode(&bytes);
+        assert_eq!(
+            frames[0].from,
+            Address {
+                system: 255,
+                component: 190
+            }
+        );
+    }
+
+    #[test]
+    fn a_frame_with_an_unknown_id_hides_no_later_frame() {
+        let mut stream = vec![STX_V2, 4, 0, 0, 0, 1, 1, 0xFF, 0xFF, 0xFE, 1, 2, 3, 4, 9, 9];
+        stream.extend(Encoder::new(US).encode(&attitude(1)));
+        let (frames, counters) = decode(&stream);
+        assert_eq!((frames.len(), counters.unknown_id), (1, 1));
+    }
+
+    #[test]
+    fn a_start_byte_in_noise_does_not_hide_the_rest_of_its_datagram() {
+        let mut datagram = vec![STX_V2, 200, 0, 0, 0, 1, 1];
+        datagram.extend(Encoder::new(US).encode(&attitude(1)));
+        let mut d = Decoder::new();
+        let mut got = 0;
+        d.push(&datagram, |_| got += 1);
+        d.end_of_datagram(|_| got += 1);
+        assert_eq!(got, 1);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_never_panic_and_never_hide_what_follows(noise in proptest::collection::vec(any::<u8>(), 0..600)) {
+            let mut stream = noise;
+            // Longer than any frame the noise may pretend to begin.
+            let mut e = Encoder::new(US);
+            for i in 0..40 {
+                stream.extend(e.encode(&attitude(i)));
+            }
+            let (frames, _) = decode(&stream);
+            let last = frames.last().map(|f| f.message.clone());
+            prop_assert_eq!(last, Some(Message::Standard(standard::MavMessage::ATTITUDE(attitude(39)))));
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! MAV_CMD numbers and results.

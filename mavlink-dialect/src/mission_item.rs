@@ -1,0 +1,1 @@
+//! Mission items typed, or the reason why not.
