@@ -1,4 +1,5 @@
-//! Command numbers (the `MSP_` and `MSP2_` names of the firmware headers) and their names for messages to people.
+//! Command numbers (the `MSP_` and `MSP2_` names of the firmware headers) and their names for
+//! messages to people.
 //!
 //! Numbers below 255 travel in any framing, the others need v2 ([`crate::frame::Framing`]).
 

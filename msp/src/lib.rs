@@ -1,5 +1,6 @@
-//! MultiWii Serial Protocol (MSP) without I/O: frames, messages in wire units, and both ends of the conversation as
-//! plain state machines driven from outside. It speaks to Betaflight, INAV, Cleanflight and MultiWii.
+//! MultiWii Serial Protocol (MSP) without I/O: frames, messages in wire units, and both ends of the
+//! conversation as plain state machines driven from outside. It speaks to Betaflight, INAV,
+//! Cleanflight and MultiWii.
 //!
 //! | Module | Holds |
 //! | --- | --- |
@@ -10,8 +11,8 @@
 //! | [`client`] | the asking side: identification, poll schedule, RC output, time-outs, link health |
 //! | [`server`] | the answering side, for simulators and tests |
 //!
-//! Nothing here reads a clock, opens a port or converts to SI. Nothing allocates after construction and no byte from a
-//! line can make it panic.
+//! Nothing here reads a clock, opens a port or converts to SI. Nothing allocates after construction
+//! and no byte from a line can make it panic.
 //!
 //! # Example
 //!

@@ -1,4 +1,5 @@
-//! Little-endian fields: how one field of a payload is read and written. Everything in [`crate::message`] is made of these.
+//! Little-endian fields: how one field of a payload is read and written. Everything in
+//! [`crate::message`] is made of these.
 
 use arrayvec::ArrayVec;
 use std::fmt;
@@ -37,7 +38,11 @@ pub(crate) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub(crate) const fn new(command: u16, payload: &'a [u8]) -> Self {
-        Self { command, payload, at: 0 }
+        Self {
+            command,
+            payload,
+            at: 0,
+        }
     }
 
     pub(crate) const fn remaining(&self) -> usize {
@@ -47,7 +52,11 @@ impl<'a> Reader<'a> {
     pub(crate) fn bytes(&mut self, count: usize) -> Result<&'a [u8], ParseError> {
         let end = self.at + count;
         let Some(bytes) = self.payload.get(self.at..end) else {
-            return Err(ParseError::TooShort { command: self.command, needs: end, got: self.payload.len() });
+            return Err(ParseError::TooShort {
+                command: self.command,
+                needs: end,
+                got: self.payload.len(),
+            });
         };
         self.at = end;
         Ok(bytes)
@@ -60,7 +69,11 @@ impl<'a> Reader<'a> {
     }
 
     pub(crate) const fn too_long(&self, holds: usize) -> ParseError {
-        ParseError::TooLong { command: self.command, holds, got: self.payload.len() }
+        ParseError::TooLong {
+            command: self.command,
+            holds,
+            got: self.payload.len(),
+        }
     }
 }
 
@@ -101,10 +114,15 @@ impl<T: Wire + Copy + Default, const N: usize> Wire for [T; N] {
     }
 }
 
-/// A field that newer firmware appends: absent when the payload has ended, an error when it ends inside the field.
+/// A field that newer firmware appends: absent when the payload has ended, an error when it ends
+/// inside the field.
 impl<T: Wire> Wire for Option<T> {
     fn read(reader: &mut Reader<'_>) -> Result<Self, ParseError> {
-        if reader.remaining() == 0 { Ok(None) } else { T::read(reader).map(Some) }
+        if reader.remaining() == 0 {
+            Ok(None)
+        } else {
+            T::read(reader).map(Some)
+        }
     }
     fn write(&self, out: &mut Vec<u8>) {
         if let Some(field) = self {
@@ -130,8 +148,8 @@ impl<T: Wire, const N: usize> Wire for ArrayVec<T, N> {
     }
 }
 
-/// Characters without a length of their own: they fill the rest of the payload (at most 512, the output buffer of the
-/// firmwares).
+/// Characters without a length of their own: they fill the rest of the payload (at most 512, the
+/// output buffer of the firmwares).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LongText(pub ArrayVec<u8, 512>);
 
@@ -180,7 +198,9 @@ impl Wire for ShortText {
     fn read(reader: &mut Reader<'_>) -> Result<Self, ParseError> {
         let length = u8::read(reader)?;
         let bytes = reader.bytes(length.into())?;
-        ArrayVec::try_from(bytes).map(Self).map_err(|_| reader.too_long(64))
+        ArrayVec::try_from(bytes)
+            .map(Self)
+            .map_err(|_| reader.too_long(64))
     }
     fn write(&self, out: &mut Vec<u8>) {
         out.push(u8::try_from(self.0.len()).unwrap_or(u8::MAX));
@@ -204,26 +224,49 @@ mod tests {
         let mut reader = Reader::new(109, &[1, 2, 3]);
         assert_eq!(u16::read(&mut reader), Ok(0x0201));
         let error = i32::read(&mut reader).unwrap_err();
-        assert_eq!(error, ParseError::TooShort { command: 109, needs: 6, got: 3 });
-        assert_eq!(error.to_string(), "MSP_ALTITUDE (109) needs at least 6 bytes, got 3");
+        assert_eq!(
+            error,
+            ParseError::TooShort {
+                command: 109,
+                needs: 6,
+                got: 3
+            }
+        );
+        assert_eq!(
+            error.to_string(),
+            "MSP_ALTITUDE (109) needs at least 6 bytes, got 3"
+        );
     }
 
     #[test]
     fn an_appended_field_may_be_absent_but_not_half_there() {
         assert_eq!(Option::<u16>::read(&mut Reader::new(0, &[])), Ok(None));
-        assert_eq!(Option::<u16>::read(&mut Reader::new(0, &[1, 0])), Ok(Some(1)));
+        assert_eq!(
+            Option::<u16>::read(&mut Reader::new(0, &[1, 0])),
+            Ok(Some(1))
+        );
         assert!(Option::<u16>::read(&mut Reader::new(0, &[1])).is_err());
     }
 
     #[test]
     fn a_list_longer_than_its_room_is_an_error_not_a_panic() {
         let error = ArrayVec::<u8, 2>::read(&mut Reader::new(7, &[1, 2, 3])).unwrap_err();
-        assert_eq!(error, ParseError::TooLong { command: 7, holds: 2, got: 3 });
+        assert_eq!(
+            error,
+            ParseError::TooLong {
+                command: 7,
+                holds: 2,
+                got: 3
+            }
+        );
     }
 
     #[test]
     fn text_stops_at_the_first_byte_that_is_not_text() {
         assert_eq!(ShortText::new("SITL").as_str(), "SITL");
-        assert_eq!(ShortText(ArrayVec::try_from(&b"ab\xffcd"[..]).unwrap()).as_str(), "ab");
+        assert_eq!(
+            ShortText(ArrayVec::try_from(&b"ab\xffcd"[..]).unwrap()).as_str(),
+            "ab"
+        );
     }
 }

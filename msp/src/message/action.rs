@@ -1,5 +1,6 @@
-//! Requests that make the controller do something. `EEPROM_WRITE` and `ACC_CALIBRATION` have empty payloads and need no struct:
-//! the first is refused while armed, the second wants a level vehicle at rest and is ignored while armed.
+//! Requests that make the controller do something. `EEPROM_WRITE` and `ACC_CALIBRATION` have empty
+//! payloads and need no struct: the first is refused while armed, the second wants a level vehicle
+//! at rest and is ignored while armed.
 
 use super::messages;
 

@@ -1,5 +1,5 @@
-//! Configuration that decides whether and how a controller flies by MSP. The `SET_` twins have the layout of the reading message
-//! unless a struct of their own is given.
+//! Configuration that decides whether and how a controller flies by MSP. The `SET_` twins have the
+//! layout of the reading message unless a struct of their own is given.
 
 use super::messages;
 use crate::wire::LongText;
@@ -25,7 +25,8 @@ messages! {
         slots: ArrayVec<ModeRange, 64>,
     }
 
-    /// Sets one slot; an unknown box or slot is refused. Takes effect at once, is kept by `EEPROM_WRITE`.
+    /// Sets one slot; an unknown box or slot is refused. Takes effect at once, is kept by
+    /// `EEPROM_WRITE`.
     #[derive(Copy)]
     SetModeRange = SET_MODE_RANGE {
         /// Slot number.
@@ -44,14 +45,15 @@ messages! {
         text: LongText,
     }
 
-    /// Permanent ids of the boxes: entry *i* is what bit *i* of the mode flags means. The list changes with the
-    /// configuration: read it again after a change or a reboot.
+    /// Permanent ids of the boxes: entry *i* is what bit *i* of the mode flags means. The list
+    /// changes with the configuration: read it again after a change or a reboot.
     BoxIds = BOXIDS {
         /// Permanent ids.
         ids: ArrayVec<u8, 96>,
     }
 
-    /// Features. Bits: 3 serial receiver, 7 GPS, 12 3D, **14 MSP receiver** (Betaflight, Cleanflight), 22 airmode.
+    /// Features. Bits: 3 serial receiver, 7 GPS, 12 3D, **14 MSP receiver** (Betaflight,
+    /// Cleanflight), 22 airmode.
     #[derive(Copy)]
     FeatureConfig = FEATURE_CONFIG {
         /// Feature bits.
@@ -99,8 +101,8 @@ messages! {
         rest: ArrayVec<u8, 64>,
     }
 
-    /// `map[stick]` = position of that stick in SET_RAW_RC; sticks Roll, Pitch, Yaw, Throttle, then Aux1... INAV sends 4
-    /// entries, Betaflight and Cleanflight 8.
+    /// `map[stick]` = position of that stick in SET_RAW_RC; sticks Roll, Pitch, Yaw, Throttle, then
+    /// Aux1... INAV sends 4 entries, Betaflight and Cleanflight 8.
     RxMap = RX_MAP {
         /// Positions, 0-based.
         map: ArrayVec<u8, 8>,
@@ -110,7 +112,8 @@ messages! {
     FailsafeConfig = FAILSAFE_CONFIG {
         /// How long the last channels hold before the procedure begins, in 0.1 s.
         delay_ds: u8,
-        /// How long the landing throttle is applied: Betaflight 4.x in 0.1 s, later and INAV as documented there.
+        /// How long the landing throttle is applied: Betaflight 4.x in 0.1 s, later and INAV as
+        /// documented there.
         landing_time: u8,
         /// Throttle while landing.
         throttle_us: u16,
@@ -130,7 +133,12 @@ impl ModeRange {
     #[must_use]
     pub fn from_us(permanent_id: u8, aux: u8, start_us: u16, end_us: u16) -> Self {
         let step = |us: u16| u8::try_from((us.clamp(900, 2100) - 900) / 25).unwrap_or(48);
-        Self { permanent_id, aux, start_step: step(start_us), end_step: step(end_us) }
+        Self {
+            permanent_id,
+            aux,
+            start_step: step(start_us),
+            end_step: step(end_us),
+        }
     }
 
     /// Lower end in microseconds.
@@ -207,32 +215,56 @@ impl RxMap {
     /// Roll, Pitch, Throttle, Yaw, Aux1...: the default of Betaflight, INAV and Cleanflight.
     #[must_use]
     pub fn aetr() -> Self {
-        Self { map: ArrayVec::from([0, 1, 3, 2, 4, 5, 6, 7]) }
+        Self {
+            map: ArrayVec::from([0, 1, 3, 2, 4, 5, 6, 7]),
+        }
     }
 
     /// Roll, Pitch, Yaw, Throttle, Aux1...: MultiWii, which has no map.
     #[must_use]
     pub fn identity() -> Self {
-        Self { map: ArrayVec::from([0, 1, 2, 3, 4, 5, 6, 7]) }
+        Self {
+            map: ArrayVec::from([0, 1, 2, 3, 4, 5, 6, 7]),
+        }
     }
 
     /// Whether every entry points to a position of its own inside the map.
     #[must_use]
     pub fn is_permutation(&self) -> bool {
         let wanted = (1_u32 << self.map.len()) - 1;
-        let seen = self.map.iter().filter(|&&position| position < 8).fold(0_u32, |seen, &position| seen | 1 << position);
+        let seen = self
+            .map
+            .iter()
+            .filter(|&&position| position < 8)
+            .fold(0_u32, |seen, &position| seen | 1 << position);
         self.map.len() >= 4 && seen == wanted
     }
 
-    /// Sorts sticks and aux channels into wire order. `sticks_us` is Roll, Pitch, Yaw, Throttle; at most 34 channels in all.
+    /// Sorts sticks and aux channels into wire order. `sticks_us` is Roll, Pitch, Yaw, Throttle; at
+    /// most 34 channels in all.
     ///
-    /// A map that is no permutation counts as AETR: sending yaw where throttle belongs must not happen by a garbled reply.
+    /// A map that is no permutation counts as AETR: sending yaw where throttle belongs must not
+    /// happen by a garbled reply.
     #[must_use]
-    pub fn arrange(&self, sticks_us: [u16; 4], aux_us: &[u16]) -> ArrayVec<u16, { super::rc::MAX_CHANNELS }> {
+    pub fn arrange(
+        &self,
+        sticks_us: [u16; 4],
+        aux_us: &[u16],
+    ) -> ArrayVec<u16, { super::rc::MAX_CHANNELS }> {
         let default = Self::aetr();
-        let map = if self.is_permutation() { &self.map } else { &default.map };
+        let map = if self.is_permutation() {
+            &self.map
+        } else {
+            &default.map
+        };
         let mut channels: ArrayVec<u16, { super::rc::MAX_CHANNELS }> = ArrayVec::new();
-        let logical = || sticks_us.iter().chain(aux_us).copied().take(super::rc::MAX_CHANNELS);
+        let logical = || {
+            sticks_us
+                .iter()
+                .chain(aux_us)
+                .copied()
+                .take(super::rc::MAX_CHANNELS)
+        };
         channels.extend(logical());
         for (stick, us) in logical().enumerate().take(map.len()) {
             if let Some(channel) = channels.get_mut(usize::from(map[stick])) {
@@ -252,28 +284,46 @@ mod tests {
     fn arm_switch_on_aux1_from_1700_up() {
         let range = ModeRange::from_us(0, 0, 1700, 2100);
         assert_eq!((range.start_step, range.end_step), (0x20, 0x30));
-        assert!(range.is_used() && range.contains(1700) && range.contains(2099) && !range.contains(1699));
+        assert!(
+            range.is_used()
+                && range.contains(1700)
+                && range.contains(2099)
+                && !range.contains(1699)
+        );
         assert!(!ModeRange::default().is_used());
     }
 
     #[test]
     fn sticks_go_out_as_aetr_by_default_and_in_multiwii_order_without_a_map() {
         let sticks = [1501, 1502, 1503, 1004];
-        assert_eq!(RxMap::aetr().arrange(sticks, &[1900]).as_slice(), [1501, 1502, 1004, 1503, 1900]);
-        assert_eq!(RxMap::identity().arrange(sticks, &[]).as_slice(), [1501, 1502, 1503, 1004]);
+        assert_eq!(
+            RxMap::aetr().arrange(sticks, &[1900]).as_slice(),
+            [1501, 1502, 1004, 1503, 1900]
+        );
+        assert_eq!(
+            RxMap::identity().arrange(sticks, &[]).as_slice(),
+            [1501, 1502, 1503, 1004]
+        );
     }
 
     #[test]
     fn taer_of_an_inav_with_four_entries_leaves_aux_in_place() {
         let taer = RxMap::parse(&[1, 2, 3, 0]).unwrap();
-        assert_eq!(taer.arrange([1501, 1502, 1503, 1004], &[1, 2]).as_slice(), [1004, 1501, 1502, 1503, 1, 2]);
+        assert_eq!(
+            taer.arrange([1501, 1502, 1503, 1004], &[1, 2]).as_slice(),
+            [1004, 1501, 1502, 1503, 1, 2]
+        );
     }
 
     #[test]
     fn a_garbled_map_counts_as_aetr() {
         for garbled in [&[0, 0, 0, 0][..], &[], &[9, 1, 2, 3], &[0, 1, 2]] {
             let map = RxMap::parse(garbled).unwrap();
-            assert_eq!(map.arrange([1, 2, 3, 4], &[]).as_slice(), [1, 2, 4, 3], "{garbled:?}");
+            assert_eq!(
+                map.arrange([1, 2, 3, 4], &[]).as_slice(),
+                [1, 2, 4, 3],
+                "{garbled:?}"
+            );
         }
     }
 

@@ -6,7 +6,8 @@ use arrayvec::ArrayVec;
 use std::fmt;
 
 messages! {
-    /// API version: what the controller's MSP dialect contains (Betaflight 1.47, 1.49; INAV 2.5; Cleanflight 1.19).
+    /// API version: what the controller's MSP dialect contains (Betaflight 1.47, 1.49; INAV 2.5;
+    /// Cleanflight 1.19).
     #[derive(Copy, PartialOrd, Ord)]
     ApiVersion = API_VERSION {
         /// Protocol version, 0 in all known firmware.
@@ -116,7 +117,13 @@ impl fmt::Display for FcVersion {
         match &self.text {
             Some(text) => text.fmt(f),
             // Versions with a year in them begin with 2025 and no firmware counts majors that far.
-            None if self.major >= 25 => write!(f, "{}.{}.{}", 2000 + u16::from(self.major), self.minor, self.patch),
+            None if self.major >= 25 => write!(
+                f,
+                "{}.{}.{}",
+                2000 + u16::from(self.major),
+                self.minor,
+                self.patch
+            ),
             None => write!(f, "{}.{}.{}", self.major, self.minor, self.patch),
         }
     }
@@ -130,13 +137,24 @@ mod tests {
     #[test]
     fn calendar_versions_are_shown_as_years() {
         assert_eq!(FcVersion::parse(&[4, 6, 0]).unwrap().to_string(), "4.6.0");
-        assert_eq!(FcVersion::parse(&[26, 12, 0]).unwrap().to_string(), "2026.12.0");
-        assert_eq!(FcVersion::parse(b"\x1a\x0c\x00\x0f2026.12.0-alpha").unwrap().to_string(), "2026.12.0-alpha");
+        assert_eq!(
+            FcVersion::parse(&[26, 12, 0]).unwrap().to_string(),
+            "2026.12.0"
+        );
+        assert_eq!(
+            FcVersion::parse(b"\x1a\x0c\x00\x0f2026.12.0-alpha")
+                .unwrap()
+                .to_string(),
+            "2026.12.0-alpha"
+        );
     }
 
     #[test]
     fn short_board_info_of_old_cleanflight_is_complete_without_a_target() {
         let info = BoardInfo::parse(b"SRF3\x01\x00").unwrap();
-        assert_eq!((&info.board, info.hardware_revision, info.target), (b"SRF3", 1, None));
+        assert_eq!(
+            (&info.board, info.hardware_revision, info.target),
+            (b"SRF3", 1, None)
+        );
     }
 }

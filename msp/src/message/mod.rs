@@ -1,5 +1,6 @@
-//! Payloads as typed structs in **wire units**: what the number on the wire means is in the field's suffix (`_ddeg` tenth of a
-//! degree, `_cm`, `_cms` cm/s, `_dv` 0.1 V, `_cv` 0.01 V, `_ca` 0.01 A, `_us`, `_e7`), conversion to SI is the caller's.
+//! Payloads as typed structs in **wire units**: what the number on the wire means is in the field's
+//! suffix (`_ddeg` tenth of a degree, `_cm`, `_cms` cm/s, `_dv` 0.1 V, `_cv` 0.01 V, `_ca` 0.01 A,
+//! `_us`, `_e7`), conversion to SI is the caller's.
 //!
 //! | Module | Messages |
 //! | --- | --- |
@@ -14,7 +15,8 @@
 //!
 //! Rules that hold for every message:
 //! - integers are little endian;
-//! - fields that newer firmware appends are `Option` and in order: one is present only when all before it are;
+//! - fields that newer firmware appends are `Option` and in order: one is present only when all
+//!   before it are;
 //! - bytes after the last field known here are ignored, since firmware appends freely;
 //! - a struct with every `Option` in order survives `emit` then `parse` unchanged.
 
@@ -30,23 +32,27 @@ pub mod status;
 
 pub use action::{Reboot, SetArmingDisabled};
 pub use config::{
-    BoxIds, BoxNames, FailsafeConfig, FeatureConfig, MixerConfig, ModeRange, ModeRanges, MotorConfig, RxConfig, RxMap, SetModeRange,
+    BoxIds, BoxNames, FailsafeConfig, FeatureConfig, MixerConfig, ModeRange, ModeRanges,
+    MotorConfig, RxConfig, RxMap, SetModeRange,
 };
 pub use identity::{ApiVersion, BoardInfo, BuildInfo, FcVariant, FcVersion, Ident, Name, Uid};
 pub use power::{Analog, BatteryState, InavAnalog};
 pub use rc::{Motor, Rc, SetMotor, SetRawRc};
 pub use reply::{Other, Reply};
 pub use sensor::{
-    Altitude, Attitude, AttitudeQuaternion, InavOpticalFlow, RawGps, RawImu, SensorOpticFlow, SensorRangefinder, SetRawGps, SonarAltitude,
+    Altitude, Attitude, AttitudeQuaternion, InavOpticalFlow, RawGps, RawImu, SensorOpticFlow,
+    SensorRangefinder, SetRawGps, SonarAltitude,
 };
-pub use status::{BatteryProfiles, InavStatus, Status, StatusEx, StatusExTail, StatusHead, StatusTail};
+pub use status::{
+    BatteryProfiles, InavStatus, Status, StatusEx, StatusExTail, StatusHead, StatusTail,
+};
 
 use crate::wire::ParseError;
 
 /// A payload with its command number.
 pub trait Message: Sized {
-    /// Command number of the frame that carries this payload (for configuration messages the reading one; the `SET_` twin
-    /// has the same layout).
+    /// Command number of the frame that carries this payload (for configuration messages the
+    /// reading one; the `SET_` twin has the same layout).
     const COMMAND: u16;
 
     /// Reads a payload.

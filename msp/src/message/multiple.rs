@@ -1,8 +1,10 @@
-//! MULTIPLE_MSP (230): several questions in one frame. The controller's serial task handles one frame per run whatever it contains,
-//! so a batch multiplies the sensor rate (Betaflight API 1.43 and later; INAV has no such command).
+//! MULTIPLE_MSP (230): several questions in one frame. The controller's serial task handles one
+//! frame per run whatever it contains, so a batch multiplies the sensor rate (Betaflight API 1.43
+//! and later; INAV has no such command).
 //!
-//! Request: one byte per command. Reply: for each command in order `length u8, payload`. A command that the controller does not know
-//! makes it refuse the whole batch or end the list early, depending on the version.
+//! Request: one byte per command. Reply: for each command in order `length u8, payload`. A command
+//! that the controller does not know makes it refuse the whole batch or end the list early,
+//! depending on the version.
 
 use super::messages;
 use arrayvec::ArrayVec;
@@ -32,7 +34,8 @@ impl<'a> Replies<'a> {
         Self { commands, payload }
     }
 
-    /// Commands without an answer so far: all of them must be gone when the iterator has ended, or the list was cut short.
+    /// Commands without an answer so far: all of them must be gone when the iterator has ended, or
+    /// the list was cut short.
     #[must_use]
     pub const fn unanswered(&self) -> &'a [u8] {
         self.commands
@@ -52,8 +55,8 @@ impl<'a> Iterator for Replies<'a> {
     }
 }
 
-/// Appends one answer to the reply of a batch; the answering side calls it once per command. Longer than 255 bytes does not fit
-/// and is cut, as firmware does.
+/// Appends one answer to the reply of a batch; the answering side calls it once per command. Longer
+/// than 255 bytes does not fit and is cut, as firmware does.
 pub fn push_reply(payload: &[u8], out: &mut Vec<u8>) {
     let length = u8::try_from(payload.len()).unwrap_or(u8::MAX);
     out.push(length);

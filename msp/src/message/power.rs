@@ -40,7 +40,8 @@ messages! {
     /// Battery and power as INAV sees them.
     #[derive(Copy)]
     InavAnalog = INAV_ANALOG {
-        /// Bit 0 full when plugged in, bit 1 uses capacity thresholds, bits 2-3 state, bits 4-7 cells.
+        /// Bit 0 full when plugged in, bit 1 uses capacity thresholds, bits 2-3 state, bits 4-7
+        /// cells.
         flags: u8,
         /// Voltage in 0.01 V.
         vbat_cv: u16,

@@ -1,8 +1,9 @@
 //! RC channels and motors, in microseconds of pulse width.
 //!
-//! **Two orders.** RC (what the controller sees) is Roll, Pitch, Yaw, Throttle, Aux1... SET_RAW_RC (what we send) is in
-//! the order of the receiver map, by default Roll, Pitch, Throttle, Yaw, Aux1... ("AETR"); [`super::RxMap::arrange`] sorts it.
-//! Roll > 1500 rolls right, **pitch > 1500 tilts the nose down**, yaw > 1500 turns clockwise.
+//! **Two orders.** RC (what the controller sees) is Roll, Pitch, Yaw, Throttle, Aux1... SET_RAW_RC
+//! (what we send) is in the order of the receiver map, by default Roll, Pitch, Throttle, Yaw,
+//! Aux1... ("AETR"); [`super::RxMap::arrange`] sorts it. Roll > 1500 rolls right, **pitch > 1500
+//! tilts the nose down**, yaw > 1500 turns clockwise.
 
 use super::messages;
 use arrayvec::ArrayVec;
@@ -17,8 +18,8 @@ messages! {
         channels_us: ArrayVec<u16, MAX_CHANNELS>,
     }
 
-    /// RC channels from us, in the order of the receiver map. Channels not sent become 0, which is invalid. Never send an
-    /// empty one: it is acknowledged and counts as a receiver frame.
+    /// RC channels from us, in the order of the receiver map. Channels not sent become 0, which is
+    /// invalid. Never send an empty one: it is acknowledged and counts as a receiver frame.
     SetRawRc = SET_RAW_RC {
         /// Pulse widths in microseconds.
         channels_us: ArrayVec<u16, MAX_CHANNELS>,
@@ -31,7 +32,8 @@ messages! {
         motors_us: [u16; 8],
     }
 
-    /// Motor test values, obeyed only while disarmed. **They persist without time-out: always end with all 1000.**
+    /// Motor test values, obeyed only while disarmed. **They persist without time-out: always end
+    /// with all 1000.**
     #[derive(Copy)]
     SetMotor = SET_MOTOR {
         /// Motor 1..=8.

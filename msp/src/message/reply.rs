@@ -1,9 +1,10 @@
 //! Any reply of a flight controller as one value.
 
 use super::{
-    Altitude, Analog, ApiVersion, Attitude, AttitudeQuaternion, BatteryState, BoardInfo, BoxIds, BoxNames, BuildInfo, FailsafeConfig,
-    FcVariant, FcVersion, FeatureConfig, Ident, InavAnalog, InavOpticalFlow, InavStatus, Message, MixerConfig, ModeRanges, Motor,
-    MotorConfig, Name, RawGps, RawImu, Rc, Reboot, RxConfig, RxMap, SonarAltitude, Status, StatusEx, Uid,
+    Altitude, Analog, ApiVersion, Attitude, AttitudeQuaternion, BatteryState, BoardInfo, BoxIds,
+    BoxNames, BuildInfo, FailsafeConfig, FcVariant, FcVersion, FeatureConfig, Ident, InavAnalog,
+    InavOpticalFlow, InavStatus, Message, MixerConfig, ModeRanges, Motor, MotorConfig, Name,
+    RawGps, RawImu, Rc, Reboot, RxConfig, RxMap, SonarAltitude, Status, StatusEx, Uid,
 };
 use crate::wire::ParseError;
 use arrayvec::ArrayVec;
@@ -21,9 +22,9 @@ pub struct Other {
 
 macro_rules! replies {
     ($($message:ident),* $(,)?) => {
-        /// What a flight controller answered, by command. Replies to `SET_` requests are empty and arrive as [`Reply::Ack`].
+        /// What a flight controller answered, by command. Replies to `SET_` requests are empty and
+        /// arrive as [`Reply::Ack`].
         #[derive(Clone, Debug, PartialEq, Eq)]
-        #[expect(clippy::large_enum_variant, reason = "a box would allocate in flight; replies are moved a few hundred times a second")]
         pub enum Reply {
             $(#[doc = concat!("[`", stringify!($message), "`]")] $message($message),)*
             /// Done: the empty reply to a request that sets or starts something.
@@ -36,7 +37,8 @@ macro_rules! replies {
         }
 
         impl Reply {
-            /// Reads the payload that came with `command`. A command unknown here is a value, not an error.
+            /// Reads the payload that came with `command`. A command unknown here is a value, not
+            /// an error.
             ///
             /// # Errors
             /// [`ParseError`] when the payload does not fit the command.
@@ -90,13 +92,20 @@ mod tests {
     #[test]
     fn unknown_command_is_a_value() {
         let reply = Reply::parse(32766, &[1, 2, 3]).unwrap();
-        assert!(matches!(&reply, Reply::Other(other) if other.command == 32766 && other.payload.as_slice() == [1, 2, 3]));
+        assert!(
+            matches!(&reply, Reply::Other(other) if other.command == 32766 && other.payload.as_slice() == [1, 2, 3])
+        );
         assert_eq!(Reply::parse(32766, &[]), Ok(Reply::Ack { command: 32766 }));
     }
 
     #[test]
     fn an_empty_reply_to_a_question_is_not_an_acknowledgement() {
         assert!(Reply::parse(command::ATTITUDE, &[]).is_err());
-        assert_eq!(Reply::parse(command::SET_RAW_RC, &[]), Ok(Reply::Ack { command: command::SET_RAW_RC }));
+        assert_eq!(
+            Reply::parse(command::SET_RAW_RC, &[]),
+            Ok(Reply::Ack {
+                command: command::SET_RAW_RC
+            })
+        );
     }
 }

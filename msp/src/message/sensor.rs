@@ -1,7 +1,8 @@
 //! IMU, attitude, altitude, rangefinder, optical flow, GPS.
 //!
-//! Axes, measured alike on Betaflight and INAV: body x forward, y left, z up (FLU). The signs of the attitude angles are those of
-//! the pilot's view, roll right side down positive, but **pitch is positive nose down**.
+//! Axes, measured alike on Betaflight and INAV: body x forward, y left, z up (FLU). The signs of
+//! the attitude angles are those of the pilot's view, roll right side down positive, but **pitch is
+//! positive nose down**.
 
 use super::messages;
 
@@ -97,7 +98,8 @@ messages! {
         ground_speed_cms: u16,
     }
 
-    /// Rangefinder sample from us (`rangefinder_hardware` set to MSP in INAV, to a module type in Betaflight).
+    /// Rangefinder sample from us (`rangefinder_hardware` set to MSP in INAV, to a module type in
+    /// Betaflight).
     #[derive(Copy)]
     SensorRangefinder = SENSOR_RANGEFINDER {
         /// Quality 0..=255.
@@ -141,7 +143,14 @@ mod tests {
     #[test]
     fn altitude_of_inav_carries_the_barometer_and_that_of_betaflight_does_not() {
         let short = Altitude::parse(&[0x7b, 0, 0, 0, 0xfc, 0xff]).unwrap();
-        assert_eq!(short, Altitude { altitude_cm: 123, vario_cms: -4, baro_altitude_cm: None });
+        assert_eq!(
+            short,
+            Altitude {
+                altitude_cm: 123,
+                vario_cms: -4,
+                baro_altitude_cm: None
+            }
+        );
         let long = Altitude::parse(&[0x7b, 0, 0, 0, 0xfc, 0xff, 0x82, 0, 0, 0]).unwrap();
         assert_eq!(long.baro_altitude_cm, Some(130));
     }
@@ -149,6 +158,13 @@ mod tests {
     #[test]
     fn heading_west_rolled_left_nose_down() {
         let attitude = Attitude::parse(&[0x85, 0xff, 0x2d, 0, 0x0e, 1]).unwrap();
-        assert_eq!(attitude, Attitude { roll_ddeg: -123, pitch_ddeg: 45, yaw_deg: 270 });
+        assert_eq!(
+            attitude,
+            Attitude {
+                roll_ddeg: -123,
+                pitch_ddeg: 45,
+                yaw_deg: 270
+            }
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Cycle time, sensors, active modes and what blocks arming. Three layouts share a head of 11 bytes:
+//! Cycle time, sensors, active modes and what blocks arming. Three layouts share a head of 11
+//! bytes:
 //!
 //! | | bytes 0..11 | then |
 //! | --- | --- | --- |
@@ -17,14 +18,16 @@ use crate::wire::{ParseError, Reader, Wire};
 use arrayvec::ArrayVec;
 
 messages! {
-    /// Status of INAV, with all 64 mode flags and all arming flags (STATUS and STATUS_EX cut both short).
+    /// Status of INAV, with all 64 mode flags and all arming flags (STATUS and STATUS_EX cut both
+    /// short).
     #[derive(Copy)]
     InavStatus = INAV_STATUS {
         /// Control loop time in microseconds.
         cycle_time_us: u16,
         /// I2C errors since start.
         i2c_errors: u16,
-        /// Sensor bits, see [`StatusHead::sensors`]; INAV: 5 optical flow, 6 pitot, 7 temperature, 15 hardware failure.
+        /// Sensor bits, see [`StatusHead::sensors`]; INAV: 5 optical flow, 6 pitot, 7 temperature,
+        /// 15 hardware failure.
         sensors: u16,
         /// Processor load in percent.
         load_pct: u16,
@@ -42,11 +45,13 @@ messages! {
 /// The 11 bytes every firmware sends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StatusHead {
-    /// Control loop time in microseconds. 0 for seconds on end means that the controller's scheduler stands still.
+    /// Control loop time in microseconds. 0 for seconds on end means that the controller's
+    /// scheduler stands still.
     pub cycle_time_us: u16,
     /// I2C errors since start.
     pub i2c_errors: u16,
-    /// Bit 0 accelerometer, 1 barometer, 2 magnetometer, 3 GPS, 4 rangefinder; Betaflight 5 gyro, 6 optical flow.
+    /// Bit 0 accelerometer, 1 barometer, 2 magnetometer, 3 GPS, 4 rangefinder; Betaflight 5 gyro, 6
+    /// optical flow.
     pub sensors: u16,
     /// Active boxes 0..32, in BOXIDS order.
     pub mode_flags: u32,
@@ -215,26 +220,40 @@ impl Message for StatusEx {
         let load_pct = Wire::read(&mut reader)?;
         let tail = match reader.remaining() {
             0 => StatusExTail::Cleanflight,
-            3 => StatusExTail::Inav { arming_flags_low: Wire::read(&mut reader)?, acc_calibration: Wire::read(&mut reader)? },
+            3 => StatusExTail::Inav {
+                arming_flags_low: Wire::read(&mut reader)?,
+                acc_calibration: Wire::read(&mut reader)?,
+            },
             _ => StatusExTail::Betaflight {
                 pid_profile_count: Wire::read(&mut reader)?,
                 rate_profile: Wire::read(&mut reader)?,
                 tail: Wire::read(&mut reader)?,
             },
         };
-        Ok(Self { head, load_pct, tail })
+        Ok(Self {
+            head,
+            load_pct,
+            tail,
+        })
     }
 
     fn emit(&self, out: &mut Vec<u8>) {
         self.head.write(out);
         self.load_pct.write(out);
         match &self.tail {
-            StatusExTail::Betaflight { pid_profile_count, rate_profile, tail } => {
+            StatusExTail::Betaflight {
+                pid_profile_count,
+                rate_profile,
+                tail,
+            } => {
                 out.extend_from_slice(&[*pid_profile_count, *rate_profile]);
                 tail.write(out);
             }
             StatusExTail::Cleanflight => {}
-            StatusExTail::Inav { arming_flags_low, acc_calibration } => {
+            StatusExTail::Inav {
+                arming_flags_low,
+                acc_calibration,
+            } => {
                 arming_flags_low.write(out);
                 out.push(*acc_calibration);
             }
@@ -291,7 +310,10 @@ impl Wire for StatusTail {
 
 impl Wire for BatteryProfiles {
     fn read(reader: &mut Reader<'_>) -> Result<Self, ParseError> {
-        Ok(Self { count: Wire::read(reader)?, current: Wire::read(reader)? })
+        Ok(Self {
+            count: Wire::read(reader)?,
+            current: Wire::read(reader)?,
+        })
     }
 
     fn write(&self, out: &mut Vec<u8>) {
@@ -305,9 +327,15 @@ mod tests {
 
     #[test]
     fn mode_flags_beyond_32_are_found_in_the_appended_bytes() {
-        let tail = StatusTail { more_mode_flags: ArrayVec::from_iter([0b10, 0b1]), ..StatusTail::default() };
+        let tail = StatusTail {
+            more_mode_flags: ArrayVec::from_iter([0b10, 0b1]),
+            ..StatusTail::default()
+        };
         let status = Status {
-            head: StatusHead { mode_flags: 0b100, ..StatusHead::default() },
+            head: StatusHead {
+                mode_flags: 0b100,
+                ..StatusHead::default()
+            },
             load_pct: Some(0),
             gyro_cycle_us: Some(0),
             tail: Some(tail),
@@ -321,7 +349,19 @@ mod tests {
         let head = [0u8; 11];
         let parse = |rest: &[u8]| StatusEx::parse(&[&head[..], rest].concat()).unwrap().tail;
         assert_eq!(parse(&[0, 0]), StatusExTail::Cleanflight);
-        assert_eq!(parse(&[0, 0, 24, 0, 63]), StatusExTail::Inav { arming_flags_low: 24, acc_calibration: 63 });
-        assert!(matches!(parse(&[0, 0, 4, 0, 0, 29, 4, 0, 0, 0, 0]), StatusExTail::Betaflight { rate_profile: 0, .. }));
+        assert_eq!(
+            parse(&[0, 0, 24, 0, 63]),
+            StatusExTail::Inav {
+                arming_flags_low: 24,
+                acc_calibration: 63
+            }
+        );
+        assert!(matches!(
+            parse(&[0, 0, 4, 0, 0, 29, 4, 0, 0, 0, 0]),
+            StatusExTail::Betaflight {
+                rate_profile: 0,
+                ..
+            }
+        ));
     }
 }

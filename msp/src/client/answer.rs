@@ -1,0 +1,197 @@
+//! What an answer, a refusal or an answered batch changes.
+
+use super::Event;
+use super::identify::{Identify, Outcome};
+use super::link::{Link, Origin, Outstanding, RESTART_US, blocks};
+use super::schedule::{Members, Turns, default_schedule};
+use crate::command;
+use crate::frame::{Direction, Frame};
+use crate::message::Reply;
+use crate::message::multiple::{MAX_BATCH, Replies};
+use crate::wire::ParseError;
+use arrayvec::ArrayVec;
+
+impl Link {
+    pub(super) fn on_frame(&mut self, now_us: u64, frame: &Frame<'_>) {
+        let Some(index) = self
+            .outstanding
+            .iter()
+            .position(|waiting| waiting.command == frame.command)
+        else {
+            self.statistics.stale_replies += 1;
+            self.heard(now_us);
+            return;
+        };
+        let asked = self.outstanding.remove(index);
+        if blocks(asked.command) {
+            self.patience_until_us = now_us;
+        }
+        self.heard(now_us);
+        self.statistics.replies += 1;
+        let waiting = self.load();
+        self.averages
+            .on_reply(&mut self.statistics, now_us, asked.sent_us, waiting);
+        if frame.direction == Direction::Error {
+            self.statistics.refused += 1;
+            self.on_refused(now_us, &asked);
+        } else {
+            self.on_reply(now_us, &asked, frame.payload);
+        }
+    }
+
+    fn heard(&mut self, now_us: u64) {
+        if self.is_lost {
+            self.is_lost = false;
+            let silent_us = now_us.saturating_sub(self.heard_us);
+            self.emit(Event::Recovered { silent_us });
+        }
+        self.is_mute = false;
+        self.heard_us = now_us;
+        self.noise_before = self.statistics.noise_bytes;
+    }
+
+    fn on_refused(&mut self, now_us: u64, asked: &Outstanding) {
+        match &asked.origin {
+            Origin::Probe => {}
+            // Too many channels, or no MSP receiver compiled in: the pilot must know, once.
+            Origin::Rc => {
+                if !self.rc_is_refused {
+                    self.emit(Event::Refused {
+                        command: asked.command,
+                    });
+                }
+                self.rc_is_refused = true;
+            }
+            Origin::Identify => self.advance(now_us, Outcome::Refused),
+            Origin::OneOff => {
+                self.one_offs.pop_front();
+                self.emit(Event::Refused {
+                    command: asked.command,
+                });
+            }
+            Origin::Schedule(members) if asked.command == command::MULTIPLE_MSP => {
+                // Does not know batches, or one of the members: ask one by one and find out which.
+                self.turns.on_left_out(members);
+            }
+            Origin::Schedule(members) => {
+                self.turns.on_refused(members);
+                self.emit(Event::Refused {
+                    command: asked.command,
+                });
+            }
+        }
+    }
+
+    fn on_reply(&mut self, now_us: u64, asked: &Outstanding, payload: &[u8]) {
+        if let Origin::Schedule(members) = &asked.origin {
+            self.turns.on_answered(members);
+            if asked.command == command::MULTIPLE_MSP {
+                self.on_batch(now_us, asked.sent_us, members, payload);
+                return;
+            }
+        }
+        let reply = Reply::parse(asked.command, payload);
+        match &asked.origin {
+            Origin::Probe => {}
+            Origin::Rc => self.rc_is_refused = false,
+            Origin::Schedule(_) => self.deliver(now_us, asked.sent_us, reply),
+            Origin::Identify => {
+                let outcome = match &reply {
+                    Ok(reply) => Outcome::Answered(reply),
+                    Err(error) => {
+                        self.statistics.malformed += 1;
+                        self.emit(Event::Malformed(*error));
+                        Outcome::Unanswered
+                    }
+                };
+                self.advance(now_us, outcome);
+            }
+            Origin::OneOff => {
+                self.one_offs.pop_front();
+                self.deliver(now_us, asked.sent_us, reply);
+                if asked.command == command::REBOOT {
+                    self.restart(now_us, now_us + RESTART_US);
+                }
+            }
+        }
+    }
+
+    fn on_batch(&mut self, now_us: u64, sent_us: u64, members: &[u16], payload: &[u8]) {
+        let commands: ArrayVec<u8, MAX_BATCH> = members
+            .iter()
+            .filter_map(|&command| u8::try_from(command).ok())
+            .collect();
+        let mut replies = Replies::new(&commands, payload);
+        for (command, payload) in replies.by_ref() {
+            self.deliver(now_us, sent_us, Reply::parse(command, payload));
+        }
+        let left_out: Members = replies
+            .unanswered()
+            .iter()
+            .copied()
+            .map(u16::from)
+            .collect();
+        self.turns.on_left_out(&left_out);
+    }
+
+    fn deliver(&mut self, now_us: u64, sent_us: u64, reply: Result<Reply, ParseError>) {
+        match reply {
+            Ok(reply) => {
+                self.learn(&reply);
+                self.emit(Event::Reply {
+                    reply,
+                    sent_us,
+                    received_us: now_us,
+                });
+            }
+            Err(error) => {
+                self.statistics.malformed += 1;
+                self.emit(Event::Malformed(error));
+            }
+        }
+    }
+
+    /// The box list and the receiver map change with the configuration: whoever asks again updates
+    /// the identity.
+    fn learn(&mut self, reply: &Reply) {
+        let Some(identity) = &mut self.identity else {
+            return;
+        };
+        match reply {
+            Reply::BoxIds(box_ids) => identity.box_ids.clone_from(box_ids),
+            Reply::RxMap(rx_map) if rx_map.is_permutation() => identity.rx_map.clone_from(rx_map),
+            _ => {}
+        }
+    }
+
+    pub(super) fn advance(&mut self, now_us: u64, outcome: Outcome<'_>) {
+        let Some(identity) = self
+            .identify
+            .as_mut()
+            .and_then(|identify| identify.advance(now_us, outcome))
+        else {
+            return;
+        };
+        let schedule = self
+            .config
+            .schedule
+            .clone()
+            .unwrap_or_else(|| default_schedule(&identity));
+        self.turns = Turns::new(&schedule, now_us);
+        // Their turns are forgotten, so their replies would be stale.
+        self.outstanding
+            .retain(|waiting| !matches!(waiting.origin, Origin::Schedule(_)));
+        self.identify = None;
+        self.identity = Some(identity.clone());
+        self.emit(Event::Identified(identity));
+    }
+
+    /// Forgets a controller that is starting anew and identifies it from `from_us` on.
+    pub(super) fn restart(&mut self, now_us: u64, from_us: u64) {
+        self.identity = None;
+        self.identify = Some(Identify::new(from_us));
+        self.turns.reset();
+        self.outstanding.clear();
+        self.patience_until_us = now_us + self.config.blocking_us;
+    }
+}

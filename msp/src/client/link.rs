@@ -1,0 +1,322 @@
+//! State of the link, commands to it, and what time does to it. What is sent is in [`super::turn`],
+//! what an answer changes in [`super::answer`].
+
+use super::identify::{Identify, Outcome};
+use super::schedule::{Members, Schedule, Turns};
+use super::statistics::{Averages, Statistics};
+use super::{Config, Event, MAX_ONE_OFFS, MAX_REQUEST, RequestError};
+use crate::command;
+use crate::firmware::Identity;
+use crate::frame::Counters;
+use crate::message::rc::MAX_CHANNELS;
+use arrayvec::ArrayVec;
+use std::collections::VecDeque;
+
+/// Events that wait at most.
+const MAX_EVENTS: usize = 64;
+/// Outstanding requests at most: 4, RC above them, and one that blocks the controller.
+const MAX_OUTSTANDING: usize = 8;
+/// How long a controller is left alone after it has acknowledged a restart.
+pub(super) const RESTART_US: u64 = 1_000_000;
+
+/// Everything about the link but its bytes.
+#[derive(Clone, Debug)]
+pub(super) struct Link {
+    pub(super) config: Config,
+    pub(super) state: State,
+    pub(super) identity: Option<Identity>,
+    pub(super) identify: Option<Identify>,
+    pub(super) turns: Turns,
+    pub(super) one_offs: VecDeque<OneOff>,
+    pub(super) outstanding: ArrayVec<Outstanding, MAX_OUTSTANDING>,
+    pub(super) rc: Option<RcFrame>,
+    /// RC frames in a row.
+    pub(super) rc_streak: u8,
+    /// The last answer, or the start of the link.
+    pub(super) heard_us: u64,
+    /// Silence is expected until then.
+    pub(super) patience_until_us: u64,
+    /// Noise bytes counted at the last answer.
+    pub(super) noise_before: u64,
+    /// The last RC frame was refused, and that has been told.
+    pub(super) rc_is_refused: bool,
+    pub(super) is_lost: bool,
+    /// A request has timed out since the last answer: do not pile up more than one.
+    pub(super) is_mute: bool,
+    pub(super) events: VecDeque<Event>,
+    pub(super) statistics: Statistics,
+    pub(super) averages: Averages,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    Idle,
+    /// Throws bytes away until then.
+    Draining {
+        until_us: u64,
+    },
+    Running,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct OneOff {
+    pub(super) command: u16,
+    pub(super) payload: ArrayVec<u8, MAX_REQUEST>,
+    /// When it became the first in the queue.
+    pub(super) since_us: Option<u64>,
+    pub(super) tries: u8,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct RcFrame {
+    pub(super) channels_us: ArrayVec<u16, MAX_CHANNELS>,
+    pub(super) since_us: u64,
+}
+
+/// A request the controller has not answered yet.
+#[derive(Clone, Debug)]
+pub(super) struct Outstanding {
+    pub(super) command: u16,
+    pub(super) origin: Origin,
+    pub(super) sent_us: u64,
+    pub(super) timeout_us: u64,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Origin {
+    Identify,
+    OneOff,
+    /// Asked only to hear whether anybody is there.
+    Probe,
+    Rc,
+    Schedule(Members),
+}
+
+impl Link {
+    pub(super) fn new(config: Config) -> Self {
+        Self {
+            config,
+            state: State::Idle,
+            identity: None,
+            identify: None,
+            turns: Turns::default(),
+            one_offs: VecDeque::with_capacity(MAX_ONE_OFFS),
+            outstanding: ArrayVec::new(),
+            rc: None,
+            rc_streak: 0,
+            heard_us: 0,
+            patience_until_us: 0,
+            noise_before: 0,
+            rc_is_refused: false,
+            is_lost: false,
+            is_mute: false,
+            events: VecDeque::with_capacity(MAX_EVENTS),
+            statistics: Statistics::default(),
+            averages: Averages::default(),
+        }
+    }
+
+    // ---- commands ----
+
+    pub(super) fn connect(&mut self, now_us: u64) {
+        let until_us = now_us + self.config.drain_us;
+        self.state = State::Draining { until_us };
+        self.identity = None;
+        self.identify = Some(Identify::new(until_us));
+        self.turns = Turns::default();
+        self.one_offs.clear();
+        self.outstanding.clear();
+        self.rc = None;
+        self.rc_streak = 0;
+        self.rc_is_refused = false;
+        self.heard_us = until_us;
+        self.patience_until_us = 0;
+        self.noise_before = self.statistics.noise_bytes;
+        self.is_lost = false;
+        self.is_mute = false;
+    }
+
+    pub(super) fn set_rc(&mut self, now_us: u64, channels_us: &[u16]) {
+        // An empty SET_RAW_RC is acknowledged and counts as a receiver frame.
+        if channels_us.is_empty() {
+            return;
+        }
+        let channels_us = channels_us.iter().copied().take(MAX_CHANNELS).collect();
+        let since_us = now_us;
+        let unsent = self.rc.replace(RcFrame {
+            channels_us,
+            since_us,
+        });
+        self.statistics.rc_replaced += u64::from(unsent.is_some());
+    }
+
+    pub(super) fn request(&mut self, command: u16, payload: &[u8]) -> Result<(), RequestError> {
+        let length = payload.len();
+        let payload = ArrayVec::try_from(payload)
+            .map_err(|_| RequestError::PayloadTooLong { command, length })?;
+        if self.one_offs.len() == MAX_ONE_OFFS {
+            return Err(RequestError::QueueFull { command });
+        }
+        self.one_offs.push_back(OneOff {
+            command,
+            payload,
+            since_us: None,
+            tries: 0,
+        });
+        Ok(())
+    }
+
+    pub(super) fn set_schedule(&mut self, now_us: u64, schedule: &Schedule) {
+        self.config.schedule = Some(schedule.clone());
+        if self.identity.is_some() {
+            self.turns = Turns::new(schedule, now_us);
+        }
+    }
+
+    /// Takes over the counters of the decoder.
+    pub(super) fn count(&mut self, counters: &Counters) {
+        self.statistics.bad_frames = counters.bad_frames();
+        self.statistics.noise_bytes = counters.noise_bytes;
+    }
+
+    // ---- time ----
+
+    pub(super) fn tick(&mut self, now_us: u64) {
+        match self.state {
+            State::Idle => return,
+            State::Draining { until_us } if now_us < until_us => return,
+            State::Draining { .. } => {
+                self.state = State::Running;
+                self.heard_us = now_us;
+            }
+            State::Running => {}
+        }
+        self.averages.tick(&mut self.statistics, now_us);
+        let is_late = |waiting: &Outstanding| now_us >= waiting.deadline_us();
+        while let Some(index) = self.outstanding.iter().position(is_late) {
+            let late = self.outstanding.remove(index);
+            self.on_timeout(now_us, &late);
+        }
+        if let Some(front) = self.one_offs.front_mut() {
+            front.since_us.get_or_insert(now_us);
+        }
+        if let Some(rc) = &self.rc
+            && now_us > rc.since_us + self.config.rc_max_age_us
+        {
+            self.rc = None;
+            self.statistics.rc_expired += 1;
+        }
+        if self
+            .lost_at_us()
+            .is_some_and(|lost_at_us| now_us >= lost_at_us)
+        {
+            self.on_lost(now_us);
+        }
+    }
+
+    /// When silence becomes a loss. Only if a request has gone unanswered: a program that was
+    /// itself held up has no right to complain.
+    fn lost_at_us(&self) -> Option<u64> {
+        let silent_from_us = self.heard_us.max(self.patience_until_us);
+        (self.is_mute && !self.is_lost).then_some(silent_from_us + self.config.silence_us)
+    }
+
+    /// When somebody has to be asked something, whatever the schedule says, to know whether he is
+    /// still there.
+    pub(super) fn probe_at_us(&self) -> u64 {
+        self.heard_us.max(self.patience_until_us) + self.config.silence_us / 3
+    }
+
+    fn on_timeout(&mut self, now_us: u64, late: &Outstanding) {
+        self.statistics.timeouts += 1;
+        self.averages.on_timeout();
+        self.is_mute = true;
+        match &late.origin {
+            Origin::Probe | Origin::Rc => {}
+            Origin::Schedule(members) => self.turns.on_timeout(now_us, members),
+            Origin::Identify => {
+                if self
+                    .identify
+                    .as_ref()
+                    .is_some_and(|identify| identify.tries >= self.config.tries)
+                {
+                    self.advance(now_us, Outcome::Unanswered);
+                }
+            }
+            Origin::OneOff => {
+                let is_final = self
+                    .one_offs
+                    .front()
+                    .is_some_and(|front| front.tries >= self.config.tries);
+                if is_final || blocks(late.command) {
+                    self.one_offs.pop_front();
+                    self.emit(Event::Unanswered {
+                        command: late.command,
+                    });
+                }
+                if late.command == command::REBOOT {
+                    // It may well have restarted and only the answer was lost.
+                    self.restart(now_us, now_us);
+                }
+            }
+        }
+    }
+
+    fn on_lost(&mut self, now_us: u64) {
+        self.is_lost = true;
+        self.turns.reset();
+        self.outstanding
+            .retain(|waiting| !matches!(waiting.origin, Origin::Schedule(_) | Origin::Identify));
+        self.identify = Some(Identify::new(now_us));
+        self.emit(Event::Lost {
+            silent_us: now_us.saturating_sub(self.heard_us),
+            noise_bytes: self.statistics.noise_bytes - self.noise_before,
+        });
+    }
+
+    pub(super) fn deadline_us(&self) -> Option<u64> {
+        match self.state {
+            State::Idle => return None,
+            State::Draining { until_us } => return Some(until_us),
+            State::Running => {}
+        }
+        let timeouts = self.outstanding.iter().map(Outstanding::deadline_us).min();
+        let silence = self.lost_at_us();
+        let due = (self.is_online() && self.has_room())
+            .then(|| self.turns.next_due_us())
+            .flatten();
+        let identify = self
+            .identify
+            .as_ref()
+            .filter(|_| self.has_room() && !self.is_outstanding(&Origin::Identify))
+            .map(|identify| identify.since_us);
+        let rc = self
+            .rc
+            .as_ref()
+            .map(|rc| rc.since_us + self.config.rc_max_age_us + 1);
+        let probe = (self.is_online() && self.outstanding.is_empty()).then(|| self.probe_at_us());
+        [timeouts, silence, due, identify, rc, probe]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    pub(super) fn emit(&mut self, event: Event) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+            self.statistics.events_dropped += 1;
+        }
+        self.events.push_back(event);
+    }
+}
+
+impl Outstanding {
+    const fn deadline_us(&self) -> u64 {
+        self.sent_us + self.timeout_us
+    }
+}
+
+/// Commands after which a controller may be silent for seconds.
+pub(super) const fn blocks(command: u16) -> bool {
+    matches!(command, command::EEPROM_WRITE | command::REBOOT)
+}

@@ -1,0 +1,128 @@
+//! Which directions the rangers look into: a ring with gaps is blind there, so the vehicle flies slowly into them, turns
+//! to look, and swings its nose while it hovers.
+
+use crate::vfh::{SECTOR_RAD, SECTORS, middle_of, sector_of};
+use vehicle::Timestamp;
+use vehicle::angle::shortest_turn;
+
+/// A sector counts as looked into for this long after a beam, s (sonars fire at 4 Hz, a slow ring at 3 Hz).
+const FRESH_S: f64 = 0.8;
+/// A person is kept at least this far inside a looked-into run of sectors.
+const INSIDE_SECTORS: usize = 3;
+
+/// Sectors of the body (clockwise from forward) and when each was last looked into.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coverage {
+    seen_at: [Option<Timestamp>; SECTORS],
+}
+
+impl Default for Coverage {
+    fn default() -> Self {
+        Self {
+            seen_at: [None; SECTORS],
+        }
+    }
+}
+
+impl Coverage {
+    /// A beam has looked along a bearing (clockwise from forward, rad), half a cone to each side.
+    pub fn mark(&mut self, at: Timestamp, bearing_rad: f64, half_cone_rad: f64) {
+        let reach = half_cone_rad + 0.5 * SECTOR_RAD;
+        let around = libm::ceil(reach / SECTOR_RAD) as i64;
+        let centre = sector_of(bearing_rad) as i64;
+        for d in -around..=around {
+            let k = (centre + d).rem_euclid(SECTORS as i64) as usize;
+            if shortest_turn(middle_of(k), bearing_rad).abs() <= reach {
+                self.seen_at[k] = Some(at);
+            }
+        }
+    }
+
+    /// True if a body bearing has been looked into lately.
+    #[must_use]
+    pub fn sees(&self, now: Timestamp, bearing_rad: f64) -> bool {
+        self.fresh(now, sector_of(bearing_rad + 0.5 * SECTOR_RAD))
+            && self.fresh(now, sector_of(bearing_rad - 0.5 * SECTOR_RAD))
+    }
+
+    /// True if the ring looks somewhere but not everywhere: turning shows more.
+    #[must_use]
+    pub fn has_gaps(&self, now: Timestamp) -> bool {
+        let seen = (0..SECTORS).filter(|k| self.fresh(now, *k)).count();
+        seen > 0 && seen < SECTORS
+    }
+
+    /// The smallest turn (clockwise +, rad) that brings a body bearing well inside a looked-into run of sectors; zero if
+    /// none does.
+    #[must_use]
+    pub fn turn_to_see(&self, now: Timestamp, bearing_rad: f64) -> f64 {
+        let wanted = sector_of(bearing_rad) as i64;
+        let inside = INSIDE_SECTORS as i64;
+        let good = |k: i64| {
+            (k - inside..=k + inside)
+                .all(|j| self.fresh(now, j.rem_euclid(SECTORS as i64) as usize))
+        };
+        for d in 0..=(SECTORS as i64) / 2 {
+            // Turning clockwise by d sectors moves the bearing d sectors counter-clockwise in the body.
+            if good(wanted - d) {
+                return d as f64 * SECTOR_RAD;
+            }
+            if good(wanted + d) {
+                return -(d as f64) * SECTOR_RAD;
+            }
+        }
+        0.0
+    }
+
+    fn fresh(&self, now: Timestamp, sector: usize) -> bool {
+        self.seen_at[sector].is_some_and(|t| now.seconds_since(t) < FRESH_S)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+    use vehicle::{RangerReading, RingConfig};
+
+    fn four_sensors() -> Coverage {
+        let ring = RingConfig::built_in("tof32").unwrap();
+        let mut c = Coverage::default();
+        for r in &ring.rangers {
+            let reading = RangerReading {
+                at: Timestamp::ZERO,
+                ranger: 0,
+                columns_mm: [None; 8].into_iter().collect(),
+            };
+            for b in r.beams(&reading) {
+                c.mark(Timestamp::ZERO, b.bearing_rad, b.half_cone_rad);
+            }
+        }
+        c
+    }
+
+    #[test]
+    fn four_sensors_of_45_degrees_see_ahead_but_not_diagonally() {
+        let c = four_sensors();
+        assert!(c.sees(Timestamp::ZERO, 0.0) && c.sees(Timestamp::ZERO, -FRAC_PI_2));
+        assert!(!c.sees(Timestamp::ZERO, FRAC_PI_4) && c.has_gaps(Timestamp::ZERO));
+        assert!(
+            !c.sees(Timestamp::from_ms(900), 0.0),
+            "old looks do not count"
+        );
+    }
+
+    #[test]
+    fn somebody_in_a_gap_is_looked_at_by_the_smallest_turn() {
+        let c = four_sensors();
+        let turn = c.turn_to_see(Timestamp::ZERO, 35_f64.to_radians());
+        assert!(
+            (turn.to_degrees() - 30.0).abs() < 1e-9,
+            "{}",
+            turn.to_degrees()
+        );
+        assert!(c.turn_to_see(Timestamp::ZERO, 0.03).abs() < 1e-9);
+        let turn = c.turn_to_see(Timestamp::ZERO, 55_f64.to_radians());
+        assert!(turn < 0.0, "the sensor on the right is nearer");
+    }
+}

@@ -1,0 +1,108 @@
+//! The limiter of manual and off-board velocities: slides along walls, stops before them.
+
+use super::sight::RECENT_S;
+use super::{Navigator, SURE_WEIGHT, xy};
+use crate::vfh::steering::stopping_speed;
+use nalgebra::Vector2;
+use vehicle::{In, NavState, Ned, Timestamp};
+
+/// Rounds of taking away what leads into obstacles; corners need two, noise a third.
+const ROUNDS: usize = 4;
+/// Fastest retreat from an obstacle that is too close, m/s.
+const RETREAT_MPS: f64 = 0.25;
+/// The last piece is approached exponentially, at a rate well below the velocity loop's own, 1/s.
+const APPROACH_PER_S: f64 = 1.1;
+/// Too close by less than this is left alone, m: no trembling in doors.
+const LEFT_ALONE_M: f64 = 0.03;
+
+impl Navigator {
+    /// The nearest allowed velocity: what leads into an obstacle faster than the vehicle could stop is taken away, what
+    /// leads along it stays. Uses the plan's walls and everything seen; without a place on the plan the last returns alone.
+    ///
+    /// The hull stops `VFH_MANUAL_STOP` away from obstacles. The vertical part passes unchanged.
+    pub fn protect(&mut self, now: Timestamp, nav: &NavState, desired: In<Ned>) -> In<Ned> {
+        if !self.vfh.enabled || !desired.is_finite() {
+            return if desired.is_finite() {
+                desired
+            } else {
+                In::zero()
+            };
+        }
+        let place_known = nav.health.position && nav.position.is_finite();
+        if place_known {
+            self.follow_relocalisation(nav);
+            let here = self.anchor.to_map(nav.position);
+            self.look_around(now, here, nav);
+        }
+        let mut v = xy(self.anchor.vector_to_map(desired));
+        v = self.not_faster_than_seen(now, nav, v, desired);
+        let stop_m = self.radius_m + self.vfh.manual_stop_m;
+        for _ in 0..ROUNDS {
+            let before = v;
+            if place_known {
+                for o in self.surroundings.points() {
+                    if o.weight >= SURE_WEIGHT {
+                        v = self.held_back(v, o.offset, o.distance_m, stop_m);
+                    }
+                }
+            } else {
+                for r in self.recent.fresh(now) {
+                    let moved = nav.velocity * now.seconds_since(r.at).clamp(0.0, RECENT_S);
+                    let offset = if moved.is_finite() {
+                        r.offset - moved
+                    } else {
+                        r.offset
+                    };
+                    let on_plan = xy(self.anchor.vector_to_map(offset));
+                    v = self.held_back(v, on_plan, on_plan.norm(), stop_m);
+                }
+            }
+            if (v - before).norm() < 1e-6 {
+                break;
+            }
+        }
+        self.world_vector(v).with_z(desired.z())
+    }
+
+    fn held_back(
+        &self,
+        v: Vector2<f64>,
+        offset: Vector2<f64>,
+        distance_m: f64,
+        stop_m: f64,
+    ) -> Vector2<f64> {
+        if distance_m < 1e-6 {
+            return Vector2::zeros();
+        }
+        let towards = offset / distance_m;
+        let room = distance_m - stop_m;
+        let allowed = if room >= 0.0 {
+            stopping_speed(&self.vfh, room).min(APPROACH_PER_S * room)
+        } else {
+            (room + LEFT_ALONE_M).clamp(-RETREAT_MPS, 0.0)
+        };
+        let closing = v.dot(&towards);
+        if closing > allowed {
+            v - towards * (closing - allowed)
+        } else {
+            v
+        }
+    }
+
+    /// Into a gap of the ring only slowly.
+    fn not_faster_than_seen(
+        &self,
+        now: Timestamp,
+        nav: &NavState,
+        v: Vector2<f64>,
+        desired: In<Ned>,
+    ) -> Vector2<f64> {
+        let speed = v.norm();
+        let bearing = libm::atan2(desired.y(), desired.x()) - nav.yaw_rad();
+        if speed > self.vfh.blind_mps && !self.coverage.sees(now, bearing) {
+            v * (self.vfh.blind_mps / speed)
+        } else {
+            v
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! The certainty grid: how sure the rangers are that a cell holds something the plan does not show.
+//!
+//! Fixed to the plan, cells of 0.1 m, certainty 0..=15 (Borenstein and Koren's histogramic in-motion mapping: a return adds
+//! to its cell, the ray takes from the cells before it). Certainty halves with time, fast while a cell is fresh, slowly
+//! once it is certain: a person's trail is gone in seconds, furniture is remembered. Decay is computed when a cell is read,
+//! so nothing sweeps the grid.
+
+use super::config::VfhParams;
+use vehicle::{In, Map, Timestamp};
+
+/// Side of a cell, m.
+pub const CELL_M: f64 = 0.1;
+/// Largest certainty.
+pub const CERTAINTY_MAX: u8 = 15;
+/// From this certainty on a cell decays slowly.
+const CERTAIN: u8 = 12;
+/// A cell counts as an obstacle for routes from this certainty on.
+pub const OBSTACLE: u8 = 6;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct CellState {
+    certainty: u8,
+    /// Was certain once: forgets slowly.
+    sure: bool,
+    /// When it was last written, tenths of a second since boot.
+    at_ds: u32,
+}
+
+/// Certainty per cell of the plan's rectangle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CertaintyGrid {
+    width: usize,
+    height: usize,
+    origin: [f64; 2],
+    cells: Vec<CellState>,
+    fresh_ds: u32,
+    sure_ds: u32,
+    hit: u8,
+    free: u8,
+}
+
+impl CertaintyGrid {
+    /// An empty grid over a rectangle (lower-left corner and size, m).
+    #[must_use]
+    pub fn new(origin: [f64; 2], size_m: [f64; 2], params: &VfhParams) -> Self {
+        let cells = |m: f64| libm::ceil(m / CELL_M).max(1.0) as usize;
+        let (width, height) = (cells(size_m[0]), cells(size_m[1]));
+        let mut grid = Self {
+            width,
+            height,
+            origin,
+            cells: vec![CellState::default(); width * height],
+            fresh_ds: 0,
+            sure_ds: 0,
+            hit: 0,
+            free: 0,
+        };
+        grid.set_params(params);
+        grid
+    }
+
+    /// Takes over half-lives and increments.
+    pub fn set_params(&mut self, p: &VfhParams) {
+        (self.fresh_ds, self.sure_ds) = (
+            (p.fresh_half_life_s * 10.0) as u32,
+            (p.certain_half_life_s * 10.0) as u32,
+        );
+        (self.hit, self.free) = (p.hit.clamp(0, 15) as u8, p.free.clamp(0, 15) as u8);
+    }
+
+    /// Forgets everything (the pose has jumped).
+    pub fn clear(&mut self) {
+        self.cells.fill(CellState::default());
+    }
+
+    /// Certainty of the cell at a point, 0..=15.
+    #[must_use]
+    pub fn certainty(&self, p: In<Map>, now: Timestamp) -> u8 {
+        self.index(p)
+            .map_or(0, |i| self.decayed(self.cells[i], tenths(now)).certainty)
+    }
+
+    /// A return at a point.
+    pub fn add_hit(&mut self, p: In<Map>, now: Timestamp) {
+        let gain = self.hit;
+        self.write(p, now, |c| (c + gain).min(CERTAINTY_MAX));
+    }
+
+    /// Everything between two points was open. The last cell is left alone: it holds the return, or nothing is known of it.
+    pub fn add_free(&mut self, from: In<Map>, to: In<Map>, now: Timestamp) {
+        let loss = self.free;
+        let last = self.index(to);
+        let length = libm::hypot(to.x() - from.x(), to.y() - from.y());
+        // Half cells: no cell of the ray is left out by more than its corner.
+        let steps = libm::floor(length / (0.5 * CELL_M)).min(400.0);
+        let mut before = None;
+        for k in 0..steps as usize {
+            let t = k as f64 / steps;
+            let p = In::new(
+                from.x() + t * (to.x() - from.x()),
+                from.y() + t * (to.y() - from.y()),
+                0.0,
+            );
+            let i = self.index(p);
+            if i == before || i == last {
+                continue;
+            }
+            before = i;
+            if i.is_some_and(|i| self.cells[i].certainty > 0) {
+                self.write(p, now, |c| c.saturating_sub(loss));
+            }
+        }
+    }
+
+    /// Calls `see(centre, certainty)` for every cell above zero within a square around a point.
+    pub fn around(
+        &self,
+        centre: In<Map>,
+        half_side_m: f64,
+        now: Timestamp,
+        mut see: impl FnMut(In<Map>, u8),
+    ) {
+        let ds = tenths(now);
+        let cell = |v: f64, o: f64| libm::floor((v - o) / CELL_M);
+        let low = |v: f64, o: f64| cell(v - half_side_m, o).max(0.0) as usize;
+        let high = |v: f64, o: f64, n: usize| {
+            (cell(v + half_side_m, o) + 1.0).clamp(0.0, n as f64) as usize
+        };
+        let columns = low(centre.x(), self.origin[0])..high(centre.x(), self.origin[0], self.width);
+        for row in low(centre.y(), self.origin[1])..high(centre.y(), self.origin[1], self.height) {
+            for column in columns.clone() {
+                let state = self.cells[row * self.width + column];
+                if state.certainty > 0 {
+                    let c = self.decayed(state, ds).certainty;
+                    if c > 0 {
+                        see(self.centre(column, row), c);
+                    }
+                }
+            }
+        }
+    }
+
+    fn write(&mut self, p: In<Map>, now: Timestamp, change: impl FnOnce(u8) -> u8) {
+        let Some(i) = self.index(p) else { return };
+        let at_ds = tenths(now);
+        let old = self.decayed(self.cells[i], at_ds);
+        let certainty = change(old.certainty);
+        self.cells[i] = CellState {
+            certainty,
+            sure: certainty > 0 && (old.sure || certainty >= CERTAIN),
+            // A decay that has not halved yet keeps its start, else frequent writing would keep a cell for ever.
+            at_ds: if certainty > old.certainty {
+                at_ds
+            } else {
+                old.at_ds
+            },
+        };
+    }
+
+    fn decayed(&self, s: CellState, now_ds: u32) -> CellState {
+        let half_life = if s.sure { self.sure_ds } else { self.fresh_ds }.max(1);
+        let halvings = now_ds.saturating_sub(s.at_ds) / half_life;
+        if halvings == 0 {
+            return s;
+        }
+        let certainty = s.certainty.checked_shr(halvings).unwrap_or(0);
+        CellState {
+            certainty,
+            sure: s.sure && certainty > 0,
+            at_ds: s.at_ds + halvings * half_life,
+        }
+    }
+
+    fn index(&self, p: In<Map>) -> Option<usize> {
+        let c = libm::floor((p.x() - self.origin[0]) / CELL_M);
+        let r = libm::floor((p.y() - self.origin[1]) / CELL_M);
+        let inside = c >= 0.0 && r >= 0.0 && c < self.width as f64 && r < self.height as f64;
+        inside.then(|| r as usize * self.width + c as usize)
+    }
+
+    fn centre(&self, column: usize, row: usize) -> In<Map> {
+        In::new(
+            self.origin[0] + (column as f64 + 0.5) * CELL_M,
+            self.origin[1] + (row as f64 + 0.5) * CELL_M,
+            0.0,
+        )
+    }
+}
+
+fn tenths(now: Timestamp) -> u32 {
+    (now.us() / 100_000) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid() -> CertaintyGrid {
+        CertaintyGrid::new([0.0, 0.0], [4.0, 4.0], &VfhParams::default())
+    }
+
+    const T0: Timestamp = Timestamp::from_ms(1_000);
+
+    #[test]
+    fn returns_add_three_and_rays_take_one() {
+        let mut g = grid();
+        let p = In::new(2.05, 2.05, 0.0);
+        g.add_hit(p, T0);
+        g.add_hit(p, T0);
+        assert_eq!(g.certainty(p, T0), 6);
+        g.add_free(In::new(0.05, 2.05, 0.0), In::new(3.55, 2.05, 0.0), T0);
+        assert_eq!(g.certainty(p, T0), 5);
+        g.add_free(In::new(0.05, 2.05, 0.0), p, T0);
+        assert_eq!(
+            g.certainty(p, T0),
+            5,
+            "the cell of the return is left alone"
+        );
+    }
+
+    #[test]
+    fn a_fresh_cell_halves_in_two_seconds_and_a_certain_one_stays() {
+        let mut g = grid();
+        let (fresh, sure) = (In::new(1.0, 1.05, 0.0), In::new(3.0, 3.05, 0.0));
+        for _ in 0..3 {
+            g.add_hit(fresh, T0);
+        }
+        for _ in 0..5 {
+            g.add_hit(sure, T0);
+        }
+        let later = Timestamp::from_ms(3_100);
+        assert_eq!(
+            (g.certainty(fresh, later), g.certainty(sure, later)),
+            (4, 15)
+        );
+        assert_eq!(g.certainty(fresh, Timestamp::from_ms(12_000)), 0);
+    }
+
+    #[test]
+    fn what_is_outside_the_plan_is_ignored() {
+        let mut g = grid();
+        for p in [
+            In::new(-1.0, 0.0, 0.0),
+            In::new(f64::NAN, 1.0, 0.0),
+            In::new(1e300, 1.0, 0.0),
+        ] {
+            g.add_hit(p, T0);
+            g.add_free(In::new(1.0, 1.0, 0.0), p, T0);
+            assert_eq!(g.certainty(p, T0), 0);
+        }
+    }
+}

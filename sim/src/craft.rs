@@ -1,0 +1,161 @@
+//! One vehicle: body, flight controller, sensors, and the samples that are on their way.
+
+use crate::config::VehicleConfig;
+use crate::fc::FlightController;
+use crate::quad::Quad;
+use crate::quad::contact::Contact;
+use crate::sensor::{DOWN_LATENCY, DownRanger, FLOW_LATENCY, FlowCamera, Ranger, View};
+use crate::simulator::{Fault, SimOutput};
+use crate::world::World;
+use core::time::Duration;
+use std::collections::VecDeque;
+use vehicle::{Airframe, In, MapAnchor, MapPose, Timestamp};
+
+/// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
+const IN_TRANSIT: usize = 512;
+
+/// A vehicle of the simulation.
+#[derive(Clone, Debug)]
+pub(crate) struct Craft {
+    pub(crate) quad: Quad,
+    pub(crate) fc: FlightController,
+    pub(crate) contact: Contact,
+    rangers: Vec<Ranger>,
+    down: Option<DownRanger>,
+    flow: Option<FlowCamera>,
+    faults: Vec<Fault>,
+    /// By time of delivery.
+    in_transit: VecDeque<(Timestamp, SimOutput)>,
+}
+
+/// What all vehicles share.
+pub(crate) struct Shared<'a> {
+    pub(crate) world: &'a World,
+    pub(crate) anchor: &'a MapAnchor,
+    pub(crate) index: usize,
+}
+
+impl Craft {
+    pub(crate) fn new(
+        config: &VehicleConfig,
+        airframe: Airframe,
+        turbulence_n: f64,
+        seed: u64,
+        index: usize,
+        anchor: &MapAnchor,
+    ) -> Self {
+        let at = anchor.to_ned(In::new(config.start.x_m, config.start.y_m, 0.0));
+        let yaw_rad = anchor.yaw_to_ned(config.start.yaw_rad);
+        let charge = config.charge;
+        let quad = Quad::new(airframe, at, yaw_rad, charge, turbulence_n, seed, index);
+        let rangers = (0u8..).zip(&config.ring.rangers);
+        Self {
+            fc: FlightController::new(config.fc, seed, index, &quad),
+            contact: Contact::new(&quad),
+            rangers: rangers
+                .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))
+                .collect(),
+            down: config.down_range.then(|| DownRanger::new(seed, index)),
+            flow: config.flow.then(|| FlowCamera::new(seed, index)),
+            faults: Vec::new(),
+            in_transit: VecDeque::with_capacity(IN_TRANSIT),
+            quad,
+        }
+    }
+
+    /// One millisecond of flight.
+    pub(crate) fn fly(&mut self, now: Timestamp, shared: &Shared<'_>) {
+        let motors = self.fc.step(now, &self.quad);
+        let bump = self.quad.step(motors);
+        let Shared {
+            world,
+            anchor,
+            index,
+        } = shared;
+        self.contact
+            .resolve(&mut self.quad, bump, world, *index, anchor);
+    }
+
+    /// Fires what is due and hands over what has arrived.
+    pub(crate) fn sense(
+        &mut self,
+        now: Timestamp,
+        shared: &Shared<'_>,
+        out: &mut impl FnMut(usize, SimOutput),
+    ) {
+        self.fire_rangers(now, shared);
+        if let Some(down) = &mut self.down
+            && down.is_due(now)
+        {
+            let sample = down.measure(now, &self.quad);
+            self.post(now, DOWN_LATENCY, SimOutput::DownRange(sample));
+        }
+        if let Some(flow) = &mut self.flow
+            && flow.is_due(now)
+        {
+            let sample = flow.measure(now, &self.quad);
+            self.post(now, FLOW_LATENCY, SimOutput::Flow(sample));
+        }
+        while let Some(burst) = self.fc.deliver(now) {
+            if !self.faults.contains(&Fault::FcSilent) {
+                let (at, bytes) = (burst.at, burst.bytes);
+                out(shared.index, SimOutput::FcBytes { at, bytes });
+            }
+        }
+        while self.in_transit.front().is_some_and(|(due, _)| *due <= now) {
+            if let Some((_, output)) = self.in_transit.pop_front()
+                && !self.faults.iter().any(|fault| fault.swallows(&output))
+            {
+                out(shared.index, output);
+            }
+        }
+    }
+
+    fn fire_rangers(&mut self, now: Timestamp, shared: &Shared<'_>) {
+        let mut view = None;
+        for i in 0..self.rangers.len() {
+            if !self.rangers[i].is_due(now) {
+                continue;
+            }
+            let view = view.get_or_insert_with(|| {
+                View::new(shared.world, shared.index, &self.quad, shared.anchor)
+            });
+            let (reading, latency) = self.rangers[i].fire(now, view);
+            let output = SimOutput::Ranger(reading);
+            post(&mut self.in_transit, now + latency, output);
+        }
+    }
+
+    fn post(&mut self, now: Timestamp, latency: Duration, output: SimOutput) {
+        post(&mut self.in_transit, now + latency, output);
+    }
+
+    pub(crate) fn write_fc(&mut self, now: Timestamp, bytes: &[u8]) {
+        if !self.faults.contains(&Fault::FcSilent) {
+            self.fc.write(now, bytes);
+        }
+    }
+
+    pub(crate) fn set_fault(&mut self, fault: Fault, active: bool) {
+        self.faults.retain(|f| *f != fault);
+        if active {
+            self.faults.push(fault);
+        }
+    }
+
+    /// Carries it elsewhere at the same height, at rest.
+    pub(crate) fn carry_to(&mut self, pose: MapPose, anchor: &MapAnchor) {
+        let at = anchor.to_ned(In::new(pose.x_m, pose.y_m, self.quad.height_m()));
+        let yaw_rad = anchor.yaw_to_ned(pose.yaw_rad);
+        self.quad.stop_at(at);
+        self.quad.set_yaw(yaw_rad);
+        self.fc.carried(yaw_rad);
+        self.contact.moved(&self.quad);
+    }
+}
+
+/// Files an output by its time of delivery, after those due at the same time.
+fn post(queue: &mut VecDeque<(Timestamp, SimOutput)>, due: Timestamp, output: SimOutput) {
+    let place = queue.partition_point(|(other, _)| *other <= due);
+    queue.insert(place, (due, output));
+}

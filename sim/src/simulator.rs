@@ -1,0 +1,288 @@
+//! The simulator: steps of one millisecond of virtual time, outputs in order of delivery.
+
+use crate::config::{SimConfig, SimError, check};
+use crate::craft::{Craft, Shared};
+use crate::fc::uart::BURST;
+use crate::room::{Room, RoomFacts};
+use crate::world::World;
+use arrayvec::ArrayVec;
+use core::time::Duration;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use vehicle::{
+    DownRange, FloorPlan, FlowSample, Frd, In, MapAnchor, MapPose, Ned, RangerReading, Rot,
+    Timestamp,
+};
+
+/// Step of the simulation.
+pub const STEP: Duration = Duration::from_millis(1);
+/// Something a vehicle delivers to its companion computer. `at` is when it was measured (complete, for bytes); it is handed over
+/// later by the latency of the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would allocate for every answer of the flight controller"
+)]
+pub enum SimOutput {
+    /// From the down-looking ranger.
+    DownRange(DownRange),
+    /// From the flight controller's UART.
+    FcBytes {
+        /// When the last byte was complete.
+        at: Timestamp,
+        /// The bytes.
+        bytes: ArrayVec<u8, BURST>,
+    },
+    /// From the optical flow sensor.
+    Flow(FlowSample),
+    /// From one ranger of the ring.
+    Ranger(RangerReading),
+}
+
+/// Something that can be broken and mended in flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// The UART of the flight controller is unplugged: no byte passes either way.
+    FcSilent,
+    /// The optical flow sensor is silent.
+    FlowSilent,
+    /// The down-looking ranger is silent.
+    DownSilent,
+    /// One ranger of the ring is silent.
+    RangerSilent(u8),
+}
+
+impl Fault {
+    pub(crate) fn swallows(self, output: &SimOutput) -> bool {
+        match (self, output) {
+            (Self::FlowSilent, SimOutput::Flow(_))
+            | (Self::DownSilent, SimOutput::DownRange(_)) => true,
+            (Self::RangerSilent(i), SimOutput::Ranger(reading)) => reading.ranger == i,
+            _ => false,
+        }
+    }
+}
+
+/// How a vehicle really is. No sensor, no noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// When.
+    pub at: Timestamp,
+    /// Body centre, m about the plan's home; on the floor z is minus the landed height.
+    pub position: In<Ned>,
+    /// m/s.
+    pub velocity: In<Ned>,
+    /// Attitude.
+    pub attitude: Rot<Frd, Ned>,
+    /// Angular rate, rad/s.
+    pub rates_radps: In<Frd>,
+    /// Touching a wall, a person, another vehicle or the ceiling now, or within the last 0.3 s.
+    pub in_contact: bool,
+    /// How many times it has touched; meeting the floor faster than 1 m/s counts too.
+    pub contacts: u32,
+    /// Standing on the floor.
+    pub on_floor: bool,
+    /// Motors under way by the flight controller's arming.
+    pub armed: bool,
+    /// Battery voltage, V.
+    pub voltage_v: f64,
+    /// Charge left, 0..=1.
+    pub charge: f64,
+}
+
+/// A room with vehicles and people in it, on virtual time.
+///
+/// ```
+/// use sim::{Room, SimConfig, SimOutput, Simulator};
+/// use vehicle::{RingConfig, Timestamp};
+///
+/// let ring = RingConfig::built_in("tof32")?;
+/// let mut sim = Simulator::new(SimConfig::new(Room::named("office")?, ring, 1))?;
+/// let mut scans = 0;
+/// sim.advance(Timestamp::from_ms(1000), &mut |_vehicle, output| {
+///     scans += usize::from(matches!(output, SimOutput::Ranger(_)));
+/// });
+/// assert_eq!(scans, 4 * 15); // four sensors, 15 Hz; delivered 30 ms after they fire
+/// assert!(!sim.truth(0).armed);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Simulator {
+    now: Timestamp,
+    world: World,
+    crafts: Vec<Craft>,
+    room: Room,
+    anchor: MapAnchor,
+}
+
+impl Simulator {
+    /// Everything in place at time zero.
+    ///
+    /// # Errors
+    /// [`SimError`] says what is wrong with which vehicle or person.
+    pub fn new(config: SimConfig) -> Result<Self, SimError> {
+        check(&config)?;
+        let anchor = config.room.anchor();
+        let crafts: Vec<Craft> = config
+            .vehicles
+            .iter()
+            .enumerate()
+            .map(|(i, vehicle)| {
+                let airframe = config.airframe;
+                Craft::new(
+                    vehicle,
+                    airframe,
+                    config.turbulence_n,
+                    config.seed,
+                    i,
+                    &anchor,
+                )
+            })
+            .collect();
+        let world = World::new(config.room.walls().clone(), config.people, crafts.len());
+        let mut sim = Self {
+            now: Timestamp::ZERO,
+            world,
+            crafts,
+            room: config.room,
+            anchor,
+        };
+        sim.place_vehicles();
+        Ok(sim)
+    }
+
+    /// Runs to `until` in steps of 1 ms (a remainder below 1 ms stays for the next call) and hands over what vehicles deliver
+    /// meanwhile, in order of delivery. Advance by single steps where the time of delivery matters.
+    pub fn advance(&mut self, until: Timestamp, out: &mut impl FnMut(usize, SimOutput)) {
+        while self.now + STEP <= until {
+            self.step(out);
+        }
+    }
+
+    fn step(&mut self, out: &mut impl FnMut(usize, SimOutput)) {
+        self.now += STEP;
+        self.world.move_people(self.now);
+        for (index, craft) in self.crafts.iter_mut().enumerate() {
+            let shared = Shared {
+                world: &self.world,
+                anchor: &self.anchor,
+                index,
+            };
+            craft.fly(self.now, &shared);
+        }
+        self.place_vehicles();
+        for (index, craft) in self.crafts.iter_mut().enumerate() {
+            let shared = Shared {
+                world: &self.world,
+                anchor: &self.anchor,
+                index,
+            };
+            craft.sense(self.now, &shared, out);
+        }
+    }
+
+    fn place_vehicles(&mut self) {
+        for (index, craft) in self.crafts.iter().enumerate() {
+            let at = self.anchor.to_map(craft.quad.position());
+            let radius_m = craft.quad.airframe().radius_m;
+            self.world.move_vehicle(index, at, radius_m);
+        }
+    }
+
+    /// The companion computer of a vehicle writes to its flight controller's UART, now.
+    ///
+    /// # Panics
+    /// If there is no such vehicle; so do all methods that take one.
+    pub fn write_fc(&mut self, vehicle: usize, bytes: &[u8]) {
+        self.crafts[vehicle].write_fc(self.now, bytes);
+    }
+
+    /// Breaks or mends something.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn set_fault(&mut self, vehicle: usize, fault: Fault, active: bool) {
+        self.crafts[vehicle].set_fault(fault, active);
+    }
+
+    /// Carries a vehicle elsewhere (the kidnapped robot): same height, at rest, without any sensor noticing the way.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn carry_to(&mut self, vehicle: usize, pose: MapPose) {
+        self.crafts[vehicle].carry_to(pose, &self.anchor);
+        self.place_vehicles();
+    }
+
+    /// Swaps the battery for one with this charge, 0..=1.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn set_charge(&mut self, vehicle: usize, charge: f64) {
+        self.crafts[vehicle].quad.set_charge(charge);
+    }
+
+    /// How a vehicle really is.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn truth(&self, vehicle: usize) -> Truth {
+        let craft = &self.crafts[vehicle];
+        let quad = &craft.quad;
+        Truth {
+            at: self.now,
+            position: quad.position(),
+            velocity: quad.velocity(),
+            attitude: quad.attitude(),
+            rates_radps: quad.rates(),
+            in_contact: craft.contact.in_contact(),
+            contacts: craft.contact.episodes(),
+            on_floor: quad.is_on_floor(),
+            armed: craft.fc.is_armed(),
+            voltage_v: quad.battery().voltage_v(),
+            charge: quad.battery().remaining(),
+        }
+    }
+
+    /// Virtual time.
+    #[must_use]
+    pub const fn now(&self) -> Timestamp {
+        self.now
+    }
+
+    /// Number of vehicles.
+    #[must_use]
+    pub const fn vehicles(&self) -> usize {
+        self.crafts.len()
+    }
+
+    /// The plan that the bridge may have.
+    #[must_use]
+    pub fn floor_plan(&self) -> Arc<FloorPlan> {
+        Arc::clone(self.room.floor_plan())
+    }
+
+    /// How the plan lies in the world.
+    #[must_use]
+    pub const fn anchor(&self) -> MapAnchor {
+        self.anchor
+    }
+
+    /// The room, for drawing.
+    #[must_use]
+    pub const fn room(&self) -> &Room {
+        &self.room
+    }
+
+    /// Places and doors in plan and world coordinates: what `rooms.json` holds.
+    #[must_use]
+    pub fn facts(&self) -> RoomFacts {
+        self.room.facts()
+    }
+
+    /// Where people are, plan metres; their radius is [`PERSON_RADIUS_M`](crate::PERSON_RADIUS_M).
+    pub fn people(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.world.people()
+    }
+}
