@@ -1,1 +1,19 @@
-//! bridge
+//! The bridge: flight controller on one side, ground on the other, the autopilot between them.
+//!
+//! | Module | Holds |
+//! | --- | --- |
+//! | [`autopilot`] | the brain: [`Flight`](autopilot::flight::Flight), [`Ground`](autopilot::ground::Ground) and the typed [`door`](autopilot::door) between them |
+//! | [`fc`] | towards the flight controller: MSP schedule, unit conversion, RC output |
+//! | [`gcs`] | towards the ground: one MAVLink service per file |
+//! | [`sensor`] | readings of range finders as scans |
+//! | [`settings`] | every parameter of every component, with where its value came from |
+//! | [`station`] | a small ground station: what `demo` and the tests fly with |
+//! | [`io`] | the shell: threads, sockets, serial ports, clocks |
+
+pub mod autopilot;
+pub mod fc;
+pub mod gcs;
+pub mod io;
+pub mod sensor;
+pub mod settings;
+pub mod station;

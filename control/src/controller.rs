@@ -136,8 +136,10 @@ impl Controller {
     /// New tuning, in flight too: loops keep their state, what was learnt is kept; a changed `VEH_MASS` scales the hover
     /// throttle, a changed `MPC_THR_HOVER` or thrust model restarts its learning.
     pub fn set_params(&mut self, params: ControlParams) {
-        let model = |p: &ControlParams| [p.hover_throttle, p.thrust_exponent, p.motor_idle];
-        let model_changed = model(&params) != model(&self.params);
+        let changed = |of: fn(&ControlParams) -> f64| (of(&params) - of(&self.params)).abs() > 1e-9;
+        let model_changed = changed(|p| p.hover_throttle)
+            || changed(|p| p.thrust_exponent)
+            || changed(|p| p.motor_idle);
         let mass_changed =
             (mass_of(&params, &self.airframe) - mass_of(&self.params, &self.airframe)).abs() > 1e-9;
         self.params = params;

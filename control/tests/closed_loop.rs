@@ -367,7 +367,7 @@ fn whatever_comes_in_the_sticks_are_finite_and_in_range() {
                     t += 20;
                     let out = c.step(
                         Timestamp::from_ms(t),
-                        if t % 40 == 0 { a } else { 0.02 },
+                        if t.is_multiple_of(40) { a } else { 0.02 },
                         &nav,
                         &sp,
                         phase,

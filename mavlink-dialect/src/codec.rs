@@ -59,7 +59,10 @@ pub struct Decoder {
     counters: DecodeCounters,
 }
 
-#[expect(clippy::large_enum_variant, reason = "returned by value and taken apart at once")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "returned by value and taken apart at once"
+)]
 enum Scan {
     /// More bytes are needed.
     Wait,
@@ -177,7 +180,8 @@ fn scan(bytes: &[u8], counters: &mut DecodeCounters) -> Scan {
         // Without CRC_EXTRA nothing tells a foreign message from noise. Where the next frame (or nothing) follows, its
         // length is believed; else only the start byte is stepped over, so that a frame inside is still found.
         counters.unknown_id += 1;
-        let is_followed_by_a_frame = matches!(bytes.get(frame_len), None | Some(&(STX_V1 | STX_V2)));
+        let is_followed_by_a_frame =
+            matches!(bytes.get(frame_len), None | Some(&(STX_V1 | STX_V2)));
         return Scan::Skip(if is_followed_by_a_frame { frame_len } else { 1 });
     };
     let sum = crc::update(crc::update(crc::INIT, &bytes[1..body_len]), &[extra]);

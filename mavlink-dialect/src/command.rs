@@ -118,6 +118,8 @@ commands! {
     REQUEST_AUTOPILOT_CAPABILITIES = 520;
     /// Picture or video mode.
     SET_CAMERA_MODE = 530;
+    /// Move the origin of the local frame on the globe.
+    DO_SET_GLOBAL_ORIGIN = 611;
     /// Turn the gimbal.
     DO_GIMBAL_MANAGER_PITCHYAW = 1000;
     /// Take or give up control of the gimbal.
@@ -206,7 +208,10 @@ impl Command {
     /// Parameter `n` of 1..=4; none if it is NaN, which says "not given".
     #[must_use]
     pub fn param(&self, n: usize) -> Option<f32> {
-        n.checked_sub(1).and_then(|i| self.params.get(i)).copied().and_then(given)
+        n.checked_sub(1)
+            .and_then(|i| self.params.get(i))
+            .copied()
+            .and_then(given)
     }
 
     /// Parameter `n` of 1..=4 as a whole number that fits i32; none if it is not given, infinite or too large.
@@ -238,7 +243,11 @@ pub fn given(value: f32) -> Option<f32> {
 /// range check lets pass; NaN is not given.
 pub(crate) fn degrees_to_e7(degrees: f32) -> Option<i32> {
     let e7 = f64::from(given(degrees)?) * 1e7;
-    Some(if e7.abs() < f64::from(i32::MAX) { e7.round() as i32 } else { i32::MIN })
+    Some(if e7.abs() < f64::from(i32::MAX) {
+        e7.round() as i32
+    } else {
+        i32::MIN
+    })
 }
 
 #[cfg(test)]
@@ -248,8 +257,13 @@ mod tests {
 
     #[test]
     fn both_forms_of_a_place_read_the_same() {
-        let long =
-            raw::COMMAND_LONG_DATA { command: 192, param5: 47.25, param6: -8.5, param7: 3.0, ..Default::default() };
+        let long = raw::COMMAND_LONG_DATA {
+            command: 192,
+            param5: 47.25,
+            param6: -8.5,
+            param7: 3.0,
+            ..Default::default()
+        };
         let int = raw::COMMAND_INT_DATA {
             command: 192,
             x: 472_500_000,
@@ -257,24 +271,50 @@ mod tests {
             z: 3.0,
             ..Default::default()
         };
-        assert_eq!(Command::from_long(&long).point, Command::from_int(&int).point);
+        assert_eq!(
+            Command::from_long(&long).point,
+            Command::from_int(&int).point
+        );
     }
 
     #[test]
     fn what_is_not_given_is_none_in_both_forms() {
         let nan = f32::NAN;
-        let long = raw::COMMAND_LONG_DATA { param1: nan, param5: nan, param6: nan, param7: nan, ..Default::default() };
-        let int = raw::COMMAND_INT_DATA { param1: nan, x: i32::MAX, y: i32::MAX, z: nan, ..Default::default() };
+        let long = raw::COMMAND_LONG_DATA {
+            param1: nan,
+            param5: nan,
+            param6: nan,
+            param7: nan,
+            ..Default::default()
+        };
+        let int = raw::COMMAND_INT_DATA {
+            param1: nan,
+            x: i32::MAX,
+            y: i32::MAX,
+            z: nan,
+            ..Default::default()
+        };
         for c in [Command::from_long(&long), Command::from_int(&int)] {
-            assert_eq!((c.param(1), c.point.x, c.point.y, c.point.z_m), (None, None, None, None));
+            assert_eq!(
+                (c.param(1), c.point.x, c.point.y, c.point.z_m),
+                (None, None, None, None)
+            );
             assert_eq!(c.param(2), Some(0.0));
-            assert_eq!((c.param(0), c.param(5)), (None, None), "there are parameters 1 to 4");
+            assert_eq!(
+                (c.param(0), c.param(5)),
+                (None, None),
+                "there are parameters 1 to 4"
+            );
         }
     }
 
     #[test]
     fn a_repeat_is_recognised_through_nan_and_its_counter() {
-        let mut m = raw::COMMAND_LONG_DATA { command: 22, param4: f32::NAN, ..Default::default() };
+        let mut m = raw::COMMAND_LONG_DATA {
+            command: 22,
+            param4: f32::NAN,
+            ..Default::default()
+        };
         let first = Command::from_long(&m);
         m.confirmation = 1;
         assert!(Command::from_long(&m).is_repeat_of(&first));
@@ -292,7 +332,9 @@ mod tests {
     fn numbers_of_the_standard_dialect_are_ours() {
         use num_traits::FromPrimitive;
         for number in 0..=u16::MAX {
-            if let (Some(ours), Some(standard)) = (name(number), crate::standard::MavCmd::from_u16(number)) {
+            if let (Some(ours), Some(standard)) =
+                (name(number), crate::standard::MavCmd::from_u16(number))
+            {
                 assert_eq!(format!("MAV_CMD_{ours}"), format!("{standard:?}"));
             }
         }

@@ -107,14 +107,20 @@ impl Point {
     #[must_use]
     pub fn from_wire(frame: u8, x: i32, y: i32, z: f32) -> Self {
         let int = |v: i32| (v != i32::MAX).then_some(v);
-        Self { frame: Frame::from_wire(frame), x: int(x), y: int(y), z_m: given(z) }
+        Self {
+            frame: Frame::from_wire(frame),
+            x: int(x),
+            y: int(y),
+            z_m: given(z),
+        }
     }
 
     /// The number of the first parameter (5, 6 or 7) that cannot be a coordinate of this frame; what is not given can be.
     #[must_use]
     pub fn invalid_param(&self) -> Option<u8> {
         let is_global = matches!(self.frame, Some(Frame::Global | Frame::GlobalRelative));
-        let beyond = |v: Option<i32>, limit: u32| is_global && v.is_some_and(|v| v.unsigned_abs() > limit);
+        let beyond =
+            |v: Option<i32>, limit: u32| is_global && v.is_some_and(|v| v.unsigned_abs() > limit);
         if beyond(self.x, 900_000_000) || self.x == Some(i32::MIN) {
             Some(5)
         } else if beyond(self.y, 1_800_000_000) || self.y == Some(i32::MIN) {
@@ -289,7 +295,11 @@ impl MissionItem {
 
     /// As MISSION_ITEM_INT for a station.
     #[must_use]
-    pub const fn to_int(&self, target_system: u8, target_component: u8) -> raw::MISSION_ITEM_INT_DATA {
+    pub const fn to_int(
+        &self,
+        target_system: u8,
+        target_component: u8,
+    ) -> raw::MISSION_ITEM_INT_DATA {
         let [param1, param2, param3, param4] = self.params;
         raw::MISSION_ITEM_INT_DATA {
             param1,
@@ -317,7 +327,13 @@ impl MissionItem {
             Some(Frame::Global | Frame::GlobalRelative) => 1e-7,
             _ => 1e-4,
         };
-        let float = |v: i32| if v == i32::MAX { f32::NAN } else { (f64::from(v) * scale) as f32 };
+        let float = |v: i32| {
+            if v == i32::MAX {
+                f32::NAN
+            } else {
+                (f64::from(v) * scale) as f32
+            }
+        };
         let [param1, param2, param3, param4] = self.params;
         raw::MISSION_ITEM_DATA {
             param1,
@@ -346,7 +362,15 @@ impl MissionItem {
         let [cmd0, cmd1] = self.command.to_le_bytes();
         out[..6].copy_from_slice(&[seq0, seq1, cmd0, cmd1, self.frame, self.autocontinue]);
         let [p1, p2, p3, p4] = self.params.map(f32::to_le_bytes);
-        let words = [p1, p2, p3, p4, self.x.to_le_bytes(), self.y.to_le_bytes(), self.z.to_le_bytes()];
+        let words = [
+            p1,
+            p2,
+            p3,
+            p4,
+            self.x.to_le_bytes(),
+            self.y.to_le_bytes(),
+            self.z.to_le_bytes(),
+        ];
         for (to, word) in out[6..].chunks_exact_mut(4).zip(words) {
             to.copy_from_slice(&word);
         }
@@ -369,11 +393,17 @@ impl MissionItem {
             cmd::NAV_TAKEOFF => {
                 let at = self.point()?;
                 at.z_m.ok_or(ItemFault::Param(7))?;
-                Ok(Action::Takeoff { at, yaw_deg: heading(p4)? })
+                Ok(Action::Takeoff {
+                    at,
+                    yaw_deg: heading(p4)?,
+                })
             }
             cmd::NAV_LAND => {
                 let at = self.point_or_here()?;
-                Ok(Action::Land { at: at.filter(|at| at.x.is_some() && at.y.is_some()), yaw_deg: heading(p4)? })
+                Ok(Action::Land {
+                    at: at.filter(|at| at.x.is_some() && at.y.is_some()),
+                    yaw_deg: heading(p4)?,
+                })
             }
             cmd::NAV_RETURN_TO_LAUNCH => Ok(Action::Return),
             cmd::NAV_LOITER_UNLIM | cmd::NAV_LOITER_TIME => Ok(Action::Loiter {
@@ -381,7 +411,11 @@ impl MissionItem {
                     Some(_) => Some(self.whole_point()?),
                     None => None,
                 },
-                seconds: if self.command == cmd::NAV_LOITER_TIME { Some(not_negative(1, p1)?) } else { None },
+                seconds: if self.command == cmd::NAV_LOITER_TIME {
+                    Some(not_negative(1, p1)?)
+                } else {
+                    None
+                },
                 yaw_deg: heading(p4)?,
             }),
             // -1 would be a time of day in parameters 2 to 4.
@@ -410,7 +444,10 @@ impl MissionItem {
                 } else if !(-1.0..=1e9).contains(&count) {
                     Err(ItemFault::Param(2))
                 } else {
-                    Ok(Action::Jump { to: to.round() as u16, count: count.round() as i32 })
+                    Ok(Action::Jump {
+                        to: to.round() as u16,
+                        count: count.round() as i32,
+                    })
                 }
             }
             cmd::DO_SET_ROI
@@ -446,7 +483,13 @@ impl MissionItem {
     /// A place of which everything is given.
     fn whole_point(&self) -> Result<Point, ItemFault> {
         let point = self.point()?;
-        let missing = |is_missing: bool, n: u8| if is_missing { Err(ItemFault::Param(n)) } else { Ok(()) };
+        let missing = |is_missing: bool, n: u8| {
+            if is_missing {
+                Err(ItemFault::Param(n))
+            } else {
+                Ok(())
+            }
+        };
         missing(point.x.is_none(), 5)?;
         missing(point.y.is_none(), 6)?;
         missing(point.z_m.is_none(), 7)?;
@@ -459,7 +502,8 @@ impl MissionItem {
             return Ok(None);
         }
         let point = self.point()?;
-        let is_null_island = point.frame != Some(Frame::Local) && (point.x, point.y) == (Some(0), Some(0));
+        let is_null_island =
+            point.frame != Some(Frame::Local) && (point.x, point.y) == (Some(0), Some(0));
         Ok((!is_null_island && (point.x.is_some() || point.y.is_some())).then_some(point))
     }
 }
@@ -474,15 +518,27 @@ fn not_negative(n: u8, value: f32) -> Result<f32, ItemFault> {
 }
 
 fn finite(n: u8, value: f32) -> Result<f32, ItemFault> {
-    if value.is_finite() { Ok(value) } else { Err(ItemFault::Param(n)) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(ItemFault::Param(n))
+    }
 }
 
 fn seconds(value: f32) -> Result<f32, ItemFault> {
-    if value.is_finite() && value >= 0.0 { Ok(value) } else { Err(ItemFault::Param(1)) }
+    if value.is_finite() && value >= 0.0 {
+        Ok(value)
+    } else {
+        Err(ItemFault::Param(1))
+    }
 }
 
 fn heading(value: f32) -> Result<Option<f32>, ItemFault> {
-    if value.is_infinite() { Err(ItemFault::Param(4)) } else { Ok(given(value)) }
+    if value.is_infinite() {
+        Err(ItemFault::Param(4))
+    } else {
+        Ok(given(value))
+    }
 }
 
 #[cfg(test)]
@@ -509,48 +565,133 @@ mod tests {
     }
 
     fn waypoint() -> MissionItem {
-        MissionItem { command: 16, frame: 6, x: 1, y: 2, z: 3.0, params: [0.0, 0.0, 0.0, f32::NAN], ..Default::default() }
+        MissionItem {
+            command: 16,
+            frame: 6,
+            x: 1,
+            y: 2,
+            z: 3.0,
+            params: [0.0, 0.0, 0.0, f32::NAN],
+            ..Default::default()
+        }
     }
 
     #[test]
     fn waypoints_need_a_frame_of_places_and_all_of_the_place() {
-        assert!(matches!(waypoint().action(), Ok(Action::Waypoint { yaw_deg: None, .. })));
+        assert!(matches!(
+            waypoint().action(),
+            Ok(Action::Waypoint { yaw_deg: None, .. })
+        ));
         let fault = |item: MissionItem| item.action().unwrap_err();
-        assert_eq!(fault(MissionItem { frame: 2, ..waypoint() }), ItemFault::Frame(2));
-        assert_eq!(fault(MissionItem { frame: 10, ..waypoint() }), ItemFault::Frame(10));
-        assert_eq!(fault(MissionItem { x: i32::MAX, ..waypoint() }), ItemFault::Param(5));
-        assert_eq!(fault(MissionItem { x: 910_000_000, ..waypoint() }), ItemFault::Param(5));
-        assert_eq!(fault(MissionItem { y: -1_900_000_000, ..waypoint() }), ItemFault::Param(6));
-        assert_eq!(fault(MissionItem { z: f32::NAN, ..waypoint() }), ItemFault::Param(7));
-        assert_eq!(ItemFault::Param(7).mission_result(), mission_result::INVALID_PARAM7);
-        assert_eq!(ItemFault::Param(5).mission_result(), mission_result::INVALID_PARAM5_X);
+        assert_eq!(
+            fault(MissionItem {
+                frame: 2,
+                ..waypoint()
+            }),
+            ItemFault::Frame(2)
+        );
+        assert_eq!(
+            fault(MissionItem {
+                frame: 10,
+                ..waypoint()
+            }),
+            ItemFault::Frame(10)
+        );
+        assert_eq!(
+            fault(MissionItem {
+                x: i32::MAX,
+                ..waypoint()
+            }),
+            ItemFault::Param(5)
+        );
+        assert_eq!(
+            fault(MissionItem {
+                x: 910_000_000,
+                ..waypoint()
+            }),
+            ItemFault::Param(5)
+        );
+        assert_eq!(
+            fault(MissionItem {
+                y: -1_900_000_000,
+                ..waypoint()
+            }),
+            ItemFault::Param(6)
+        );
+        assert_eq!(
+            fault(MissionItem {
+                z: f32::NAN,
+                ..waypoint()
+            }),
+            ItemFault::Param(7)
+        );
+        assert_eq!(
+            ItemFault::Param(7).mission_result(),
+            mission_result::INVALID_PARAM7
+        );
+        assert_eq!(
+            ItemFault::Param(5).mission_result(),
+            mission_result::INVALID_PARAM5_X
+        );
     }
 
     #[test]
     fn landing_at_latitude_and_longitude_zero_is_landing_here() {
-        let item = MissionItem { command: 21, frame: 3, ..Default::default() };
-        assert_eq!(item.action(), Ok(Action::Land { at: None, yaw_deg: Some(0.0) }));
+        let item = MissionItem {
+            command: 21,
+            frame: 3,
+            ..Default::default()
+        };
+        assert_eq!(
+            item.action(),
+            Ok(Action::Land {
+                at: None,
+                yaw_deg: Some(0.0)
+            })
+        );
         let local = MissionItem { frame: 1, ..item };
-        assert!(matches!(local.action(), Ok(Action::Land { at: Some(_), .. })), "local zero is a place");
+        assert!(
+            matches!(local.action(), Ok(Action::Land { at: Some(_), .. })),
+            "local zero is a place"
+        );
     }
 
     #[test]
     fn mission_plugins_may_send_camera_and_gimbal_items() {
-        for command in [201, 195, 197, 203, 206, 530, 1000, 1001, 2000, 2001, 2500, 2501] {
-            let item = MissionItem { command, frame: 2, params: [f32::NAN; 4], z: f32::NAN, ..Default::default() };
+        for command in [
+            201, 195, 197, 203, 206, 530, 1000, 1001, 2000, 2001, 2500, 2501,
+        ] {
+            let item = MissionItem {
+                command,
+                frame: 2,
+                params: [f32::NAN; 4],
+                z: f32::NAN,
+                ..Default::default()
+            };
             assert_eq!(item.action(), Ok(Action::Ignored), "{command}");
         }
     }
 
     #[test]
     fn faults_are_sentences() {
-        assert_eq!(ItemFault::Command(209).to_string(), "command 209 (DO_MOTOR_TEST) is not supported");
-        assert_eq!(ItemFault::Command(4242).to_string(), "command 4242 is not supported");
+        assert_eq!(
+            ItemFault::Command(209).to_string(),
+            "command 209 (DO_MOTOR_TEST) is not supported"
+        );
+        assert_eq!(
+            ItemFault::Command(4242).to_string(),
+            "command 4242 is not supported"
+        );
     }
 
     #[test]
     fn an_old_station_reads_and_writes_the_same_place() {
-        let item = MissionItem { frame: 1, x: 12_500, y: -5_000, ..waypoint() };
+        let item = MissionItem {
+            frame: 1,
+            x: 12_500,
+            y: -5_000,
+            ..waypoint()
+        };
         let float = item.to_float(255, 190);
         assert_eq!((float.x, float.y), (1.25, -0.5));
         let back = MissionItem::from_float(&float);

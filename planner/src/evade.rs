@@ -19,6 +19,8 @@ const ACCEL_MPS2: f64 = 2.0;
 /// Candidate places: on circles around the vehicle.
 const DIRECTIONS: usize = 16;
 const DISTANCES_M: [f64; 5] = [0.25, 0.5, 0.8, 1.1, 1.5];
+/// Slower approach than this is no meeting, m/s.
+const MEETING_MPS: f64 = 0.1;
 /// People farther away than this are not looked at, m.
 const CARE_M: f64 = 5.0;
 
@@ -125,7 +127,7 @@ impl People {
         let all = scene
             .tracks
             .iter()
-            .filter(|t| t.is_confirmed() && (scene.mind_standing || t.is_moving()))
+            .filter(|t| t.is_confirmed() && (scene.mind_standing || scene.is_met_by(t)))
             .map(|t| Person {
                 place: t.position_at(scene.now),
                 velocity: t.significant_velocity(),
@@ -155,6 +157,16 @@ impl People {
 }
 
 impl Scene<'_> {
+    /// True if somebody walks towards the vehicle and comes closer. A wall beside which the vehicle flies looks to a single
+    /// beam like somebody walking along, but it never does both.
+    fn is_met_by(&self, t: &Track) -> bool {
+        let to = t.position_at(self.now) - self.position;
+        let unit = to / to.norm().max(1e-6);
+        let approaching = -t.velocity.dot(&unit);
+        let closing = approaching + self.velocity.dot(&unit);
+        t.is_moving() && approaching > MEETING_MPS && closing > MEETING_MPS
+    }
+
     /// How much too close the vehicle comes to anybody on its way to a place, as a cost.
     fn danger(&self, people: &People, place: Vector2<f64>) -> f64 {
         let (mut p, mut v) = (self.position, self.velocity);

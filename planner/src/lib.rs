@@ -23,7 +23,7 @@
 //! use vehicle::{FloorPlan, In, NavHealth, NavState, Setpoint, Timestamp};
 //!
 //! // An empty room of 6 m by 4 m with walls of one cell; home is the plan's origin, north is up on paper.
-//! let wall = |i: usize| i % 120 == 0 || i % 120 == 119 || i / 120 == 0 || i / 120 == 79;
+//! let wall = |i: usize| [0, 119].contains(&(i % 120)) || [0, 79].contains(&(i / 120));
 //! let cells = (0..120 * 80).map(|i| if wall(i) { Cell::Occupied } else { Cell::Free }).collect();
 //! let plan = Arc::new(FloorPlan::from_cells(120, 0.05, [0.0, 0.0], cells)?);
 //! let anchor = plan.anchor();

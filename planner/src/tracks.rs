@@ -49,6 +49,8 @@ pub struct Ray {
     pub to: Vector2<f64>,
     /// It ends at something that the plan does not explain.
     pub unexplained: bool,
+    /// A wide cone: where on its front the return came from is not known.
+    pub is_wide: bool,
 }
 
 /// The rays of one scan.
@@ -358,6 +360,7 @@ mod tests {
             from: Vector2::zeros(),
             to: Vector2::new(x, y),
             unexplained: true,
+            is_wide: false,
         }
     }
 

@@ -1,5 +1,6 @@
 //! Times of one step, printed: `cargo test -p planner --profile ci --test timing -- --ignored --nocapture`.
 
+#[allow(dead_code, reason = "every test uses its own part of the world")]
 mod world;
 
 use planner::{Goal, PlannerParams, Router};
@@ -54,6 +55,7 @@ fn one_step_in_rooms_with_a_person() {
         black_box(copy.step(now, &nav));
         times.push(start.elapsed().as_secs_f64() * 1e6);
     }
+    println!("first {:.0?}", &times[..3]);
     times.sort_by(f64::total_cmp);
     println!(
         "step: p50 {:.1} us, p99 {:.1} us, max {:.1} us",

@@ -76,11 +76,11 @@ impl Plant {
             self.queue.push_back(sticks);
             let delayed = (self.dead_time_s / STEP_S).round() as usize;
             let acting = if self.queue.len() > delayed {
-                self.queue.pop_front().unwrap()
+                self.queue.pop_front()
             } else {
-                *self.queue.front().unwrap()
+                self.queue.front().copied()
             };
-            self.step(acting);
+            self.step(acting.unwrap_or(sticks));
         }
     }
 
@@ -90,11 +90,11 @@ impl Plant {
             angle(s.roll) + self.trim_rad[0],
             angle(s.pitch) + self.trim_rad[1],
         ];
-        // Second order, 10 rad/s, damping 0.8: 63 % after about 0.13 s.
-        for i in 0..2 {
-            let accel = 225.0 * (target[i] - self.tilt[i]) - 2.0 * 0.8 * 15.0 * self.tilt_rate[i];
-            self.tilt_rate[i] += accel * STEP_S;
-            self.tilt[i] += self.tilt_rate[i] * STEP_S;
+        // Second order, 15 rad/s, damping 0.8: 63 % after about 0.1 s.
+        for ((tilt, rate), target) in self.tilt.iter_mut().zip(&mut self.tilt_rate).zip(target) {
+            let accel = 225.0 * (target - *tilt) - 2.0 * 0.8 * 15.0 * *rate;
+            *rate += accel * STEP_S;
+            *tilt += *rate * STEP_S;
         }
         let yaw_target = (70.0 * s.yaw + 600.0 * s.yaw * s.yaw.abs()).to_radians();
         self.yaw_rate += (yaw_target - self.yaw_rate) * STEP_S / 0.08;
@@ -105,7 +105,7 @@ impl Plant {
         let thrust = self.max_thrust_n * self.battery * self.command * self.command;
         let (roll, pitch) = (self.tilt[0], self.tilt[1]);
         let up = [
-            -roll.cos() * pitch.sin() * self.yaw.cos() * 1.0 + -roll.sin() * self.yaw.sin(),
+            -roll.cos() * pitch.sin() * self.yaw.cos() + -roll.sin() * self.yaw.sin(),
             -roll.cos() * pitch.sin() * self.yaw.sin() + roll.sin() * self.yaw.cos(),
             -roll.cos() * pitch.cos(),
         ];
@@ -120,9 +120,9 @@ impl Plant {
             self.position[2] = -FLOOR_M;
             (accel, self.velocity) = ([0.0; 3], [0.0; 3]);
         }
-        for i in 0..3 {
-            self.velocity[i] += accel[i] * STEP_S;
-            self.position[i] += self.velocity[i] * STEP_S;
+        for ((p, v), a) in self.position.iter_mut().zip(&mut self.velocity).zip(accel) {
+            *v += a * STEP_S;
+            *p += *v * STEP_S;
         }
         if self.position[2] > -FLOOR_M {
             self.position[2] = -FLOOR_M;

@@ -37,15 +37,10 @@ impl Navigator {
         let mut v = xy(self.anchor.vector_to_map(desired));
         v = self.not_faster_than_seen(now, nav, v, desired);
         let stop_m = self.radius_m + self.vfh.manual_stop_m;
-        for _ in 0..ROUNDS {
-            let before = v;
-            if place_known {
-                for o in self.surroundings.points() {
-                    if o.weight >= SURE_WEIGHT {
-                        v = self.held_back(v, o.offset, o.distance_m, stop_m);
-                    }
-                }
-            } else {
+        if place_known {
+            v = self.held_back_by_all(v, stop_m);
+        } else {
+            for _ in 0..ROUNDS {
                 for r in self.recent.fresh(now) {
                     let moved = nav.velocity * now.seconds_since(r.at).clamp(0.0, RECENT_S);
                     let offset = if moved.is_finite() {
@@ -57,11 +52,24 @@ impl Navigator {
                     v = self.held_back(v, on_plan, on_plan.norm(), stop_m);
                 }
             }
+        }
+        self.world_vector(v).with_z(desired.z())
+    }
+
+    /// What remains of a velocity (plan axes) when the centre shall stop `stop_m` before every obstacle.
+    pub(super) fn held_back_by_all(&self, mut v: Vector2<f64>, stop_m: f64) -> Vector2<f64> {
+        for _ in 0..ROUNDS {
+            let before = v;
+            for o in self.surroundings.points() {
+                if o.weight >= SURE_WEIGHT {
+                    v = self.held_back(v, o.offset, o.distance_m, stop_m);
+                }
+            }
             if (v - before).norm() < 1e-6 {
                 break;
             }
         }
-        self.world_vector(v).with_z(desired.z())
+        v
     }
 
     fn held_back(

@@ -21,8 +21,11 @@ pub(super) const RECENT_S: f64 = 0.5;
 const EXPLAINED_M: f64 = 0.12;
 const EXPLAINED_SHARE: f64 = 0.03;
 
-/// The last returns as world directions from the vehicle: all there is to brake for while the place on the plan is not
-/// known.
+/// Cones wider than this (half, rad) do not tell where on their front a return came from.
+const WIDE_RAD: f64 = 0.06;
+
+/// The last returns. While the place on the plan is not known they are all there is to brake for; while it is known, what
+/// the plan does not explain is braked for at once, before the grid is sure and whatever it is taken for.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RecentReturns {
     returns: ArrayVec<Return, { 2 * MAX_BEAMS }>,
@@ -33,6 +36,8 @@ pub(super) struct Return {
     pub(super) at: Timestamp,
     /// From the vehicle when it was measured, world axes, m.
     pub(super) offset: In<Ned>,
+    /// Where it is on the plan, if the place was known and the plan does not explain it.
+    pub(super) unexplained: Option<In<Map>>,
 }
 
 impl RecentReturns {
@@ -47,7 +52,8 @@ impl RecentReturns {
             .filter(move |r| now.seconds_since(r.at) < RECENT_S)
     }
 
-    fn push(&mut self, r: Return) {
+    fn extend(&mut self, r: Option<Return>) {
+        let Some(r) = r else { return };
         if self.returns.is_full() {
             self.returns.remove(0);
         }
@@ -90,23 +96,28 @@ impl Navigator {
             };
             self.coverage
                 .mark(scan.at, beam.bearing_rad, beam.half_cone_rad);
-            if look.is_return {
-                self.recent.push(Return {
-                    at: scan.at,
-                    offset: look.to,
-                });
-            }
+            let mut echo = look.is_return.then_some(Return {
+                at: scan.at,
+                offset: look.to,
+                unexplained: None,
+            });
             if !place_known {
+                self.recent.extend(echo);
                 continue;
             }
             let from = self.anchor.to_map(position + look.from);
             let to = self.anchor.to_map(position + look.to);
             let explained = look.is_return && self.is_wall(from, to, beam.half_cone_rad, slack_m);
+            if let Some(echo) = &mut echo {
+                echo.unexplained = (!explained).then_some(to);
+            }
+            self.recent.extend(echo);
             self.grid.add_free(from, to, scan.at);
             rays.push(Ray {
                 from: Vector2::new(from.x(), from.y()),
                 to: Vector2::new(to.x(), to.y()),
                 unexplained: look.is_return && !explained,
+                is_wide: beam.half_cone_rad > WIDE_RAD,
             });
         }
         if !place_known {
@@ -117,8 +128,9 @@ impl Navigator {
         self.tracker
             .observe(scan.at, eye, &rays, self.params.person_radius_m);
         for ray in rays.iter().filter(|r| r.unexplained) {
-            // Somebody walking is followed, not drawn: a trail would block the way behind them.
-            if !self.is_walking(scan.at, ray.to) {
+            // Somebody walking is followed, not drawn: a trail would block the way behind them. A wide cone cannot tell
+            // them from a wall flown along, so what it sees is drawn in any case.
+            if ray.is_wide || !self.is_walking(scan.at, ray.to) {
                 self.grid.add_hit(In::new(ray.to.x, ray.to.y, 0.0), scan.at);
             }
         }
@@ -145,7 +157,7 @@ impl Navigator {
         if at_angle(0.0) {
             return true;
         }
-        half_cone_rad > 0.06
+        half_cone_rad > WIDE_RAD
             && [-1.0, -0.5, 0.5, 1.0]
                 .iter()
                 .any(|k| at_angle(k * half_cone_rad))

@@ -1,4 +1,5 @@
-//! Obstacle points around the vehicle: the faces of the plan's walls, certain cells of the grid, people.
+//! Obstacle points around the vehicle: the faces of the plan's walls, certain cells of the grid, the
+//! last echoes, people.
 //!
 //! Collected once per step; the histogram, the free distance ahead, the limiter of manual flight and the console's picture
 //! are all computed from this one list.
@@ -13,6 +14,8 @@ use vehicle::{FloorPlan, In, Map, Timestamp};
 const POINTS_MAX: usize = 2048;
 /// Wall cells are not finer than this, m.
 const WALL_CELL_MIN_M: f64 = 0.05;
+/// A single echo: strong enough to brake for, too weak to steer by alone.
+const ECHO_WEIGHT: f64 = 0.17;
 /// Points on a person's outline.
 const OUTLINE: usize = 12;
 
@@ -105,6 +108,7 @@ pub struct Disc {
 #[derive(Clone, Debug)]
 pub struct Surroundings {
     points: Vec<Obstacle>,
+    centre: In<Map>,
     window_m: f64,
 }
 
@@ -112,41 +116,52 @@ impl Default for Surroundings {
     fn default() -> Self {
         Self {
             points: Vec::with_capacity(POINTS_MAX),
+            centre: In::zero(),
             window_m: 0.0,
         }
     }
 }
 
 impl Surroundings {
-    /// Collects what is within `window_m` of the vehicle. `walls` is none while the place on the plan is not known.
-    pub fn collect(
-        &mut self,
-        now: Timestamp,
-        centre: In<Map>,
-        window_m: f64,
-        walls: Option<&WallRaster>,
-        grid: &CertaintyGrid,
-        discs: impl Iterator<Item = Disc>,
-    ) {
+    /// Begins anew around a place; what is farther than `window_m` is left out.
+    pub fn begin(&mut self, centre: In<Map>, window_m: f64) {
         self.points.clear();
-        self.window_m = window_m;
-        if let Some(walls) = walls {
-            let weight = walls.cell_m / CELL_M;
-            walls.around(centre, window_m, |offset| self.push(offset, weight));
-        }
+        (self.centre, self.window_m) = (centre, window_m);
+    }
+
+    /// Adds the faces of the plan's walls: only while the place on the plan is known.
+    pub fn add_walls(&mut self, walls: &WallRaster) {
+        let weight = walls.cell_m / CELL_M;
+        let (centre, window_m) = (self.centre, self.window_m);
+        walls.around(centre, window_m, |offset| self.push(offset, weight));
+    }
+
+    /// Adds the cells of the certainty grid.
+    pub fn add_cells(&mut self, grid: &CertaintyGrid, now: Timestamp) {
+        let (centre, window_m) = (self.centre, self.window_m);
         grid.around(centre, window_m, now, |p, certainty| {
             let share = f64::from(certainty) / f64::from(CERTAINTY_MAX);
-            let offset = Vector2::new(p.x() - centre.x(), p.y() - centre.y());
-            self.push(offset, share * share);
+            self.add(p, share * share);
         });
-        for disc in discs {
-            let to = Vector2::new(disc.centre.x() - centre.x(), disc.centre.y() - centre.y());
-            for k in 0..OUTLINE {
-                let a = core::f64::consts::TAU * k as f64 / OUTLINE as f64;
-                let edge = Vector2::new(libm::cos(a), libm::sin(a)) * disc.radius_m;
-                self.push(to + edge, 1.0);
-            }
+    }
+
+    /// Adds a single echo.
+    pub fn add_echo(&mut self, p: In<Map>) {
+        self.add(p, ECHO_WEIGHT);
+    }
+
+    /// Adds the outline of somebody.
+    pub fn add_disc(&mut self, disc: Disc) {
+        for k in 0..OUTLINE {
+            let a = core::f64::consts::TAU * k as f64 / OUTLINE as f64;
+            let edge = In::new(libm::cos(a), libm::sin(a), 0.0) * disc.radius_m;
+            self.add(disc.centre + edge, 1.0);
         }
+    }
+
+    fn add(&mut self, p: In<Map>, weight: f64) {
+        let offset = Vector2::new(p.x() - self.centre.x(), p.y() - self.centre.y());
+        self.push(offset, weight);
     }
 
     fn push(&mut self, offset: Vector2<f64>, weight: f64) {

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Sectors from a picture: `#` blocked, `.` free, 12 sectors (30 degrees) a letter... each letter stands for 6.
+    /// Sectors from a picture of twelve letters, six sectors each: `#` blocked, `.` free.
     fn picture(letters: &str) -> [bool; SECTORS] {
         let mut out = [false; SECTORS];
         for (i, letter) in letters.bytes().enumerate() {

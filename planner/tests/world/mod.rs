@@ -42,7 +42,8 @@ pub(crate) struct World {
     scans: VecDeque<(f64, RangeScan)>,
     next_scan_s: f64,
     commands: VecDeque<Setpoint>,
-    noise: u64,
+    /// State of the noise; the seed, until the first scan.
+    pub(crate) noise: u64,
     /// Smallest distance from hull to wall and to a person so far, m.
     pub(crate) wall_clearance: f64,
     pub(crate) person_clearance: f64,
@@ -88,7 +89,8 @@ impl World {
             }
         }
         let plan = Arc::new(
-            FloorPlan::from_cells(w * fine, LETTER_M / fine as f64, [0.0, 0.0], cells).unwrap(),
+            FloorPlan::from_cells(w * fine, LETTER_M / fine as f64, [0.0, 0.0], cells)
+                .expect("a drawn plan"),
         );
         // Home is not the plan's origin and north is not up, so that a mixed-up frame shows.
         let anchor = MapAnchor::new(1.0, 2.0, 0.7);
@@ -110,7 +112,7 @@ impl World {
                 VfhParams::default(),
             ),
             anchor,
-            ring: RingConfig::built_in(ring).unwrap(),
+            ring: RingConfig::built_in(ring).expect("a built-in ring"),
             scans: VecDeque::new(),
             next_scan_s: 0.0,
             commands: VecDeque::new(),
@@ -232,7 +234,7 @@ impl World {
             ));
         }
         while self.scans.front().is_some_and(|(t, _)| *t <= self.time_s) {
-            let (_, scan) = self.scans.pop_front().unwrap();
+            let (_, scan) = self.scans.pop_front().expect("looked at");
             let nav = self.nav();
             self.navigator.observe(&scan, &nav);
         }
@@ -267,7 +269,7 @@ impl World {
     fn fly(&mut self, setpoint: Setpoint) {
         self.commands.push_back(setpoint);
         let acting = if self.commands.len() > 3 {
-            self.commands.pop_front().unwrap()
+            self.commands.pop_front().unwrap_or(Setpoint::Idle)
         } else {
             Setpoint::Idle
         };

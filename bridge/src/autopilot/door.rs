@@ -1,0 +1,688 @@
+//! The door between [`Flight`](super::flight::Flight) and [`Ground`](super::ground::Ground): typed values only.
+//!
+//! One way go [`Asked`] requests, each with the station that asked. The other way come [`Answer`]s, [`Event`]s and a
+//! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
+//! ([`Refusal`], [`Notice`]) and become words in `Ground`.
+
+use super::mode::{Because, Mode, ModeState};
+use arrayvec::ArrayVec;
+use planner::mission::Plan;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::sync::Arc;
+use vehicle::{
+    BaroSample, BatterySample, DownRange, FlowSample, Frd, ImuSample, In, NavState, Ned,
+    ParamValue, RangeScan, Rot, Setpoint, Sticks, Timestamp,
+};
+
+/// Matches an [`Answer`] to its [`Asked`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct RequestId(pub u32);
+
+/// Who asked: enough to know one station from another, nothing about links.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Station {
+    /// MAVLink system id.
+    pub system: u8,
+    /// MAVLink component id.
+    pub component: u8,
+}
+
+/// A request with its sender.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Asked {
+    /// Comes back in the answer.
+    pub id: RequestId,
+    /// Who asked.
+    pub station: Station,
+    /// What for.
+    pub request: Request,
+}
+
+/// What may be asked of the vehicle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Start the motors. `force` skips our pre-flight checks, never the flight controller's.
+    Arm {
+        /// Skip pre-flight checks.
+        force: bool,
+    },
+    /// Stop the motors. In flight only with `force`.
+    Disarm {
+        /// Also in flight.
+        force: bool,
+    },
+    /// Change the mode.
+    SetMode(Mode),
+    /// Climb to a height above home's floor (the parameter's if none); starts on arm if disarmed.
+    Takeoff {
+        /// m, positive up.
+        height_m: Option<f64>,
+    },
+    /// Fly to a place and hover. What is none stays as it is; all none = stop here.
+    GoTo(GoTo),
+    /// Replace the plan. The old one comes back in [`Event::PlanRetired`].
+    SetPlan(Arc<Plan>),
+    /// Continue the plan at an item.
+    SetMissionItem(u16),
+    /// Start the plan at an item (MAV_CMD_MISSION_START).
+    StartMission {
+        /// First item.
+        first: u16,
+    },
+    /// Cruise speed, m/s.
+    ChangeSpeed(f64),
+    /// Sticks of a pilot.
+    Manual(ManualInput),
+    /// RC channels as a pilot's radio would send them, us; none = not overridden. Order roll, pitch, throttle, yaw.
+    RcOverride([Option<u16>; 4]),
+    /// One off-board set point.
+    Offboard(OffboardSetpoint),
+    /// A key of the key console.
+    Key(Key),
+    /// Hold here, whoever asks; again within 3 s = land.
+    Stop,
+    /// Set home here, or at a place.
+    SetHome(Option<In<Ned>>),
+    /// A parameter, already checked, by its index in [`Settings`](crate::settings::Settings).
+    SetParam {
+        /// Flat index.
+        index: u16,
+        /// Value.
+        value: ParamValue,
+    },
+    /// A ground station's heartbeat arrived.
+    GroundHeartbeat,
+    /// Land (or disarm on the ground); the program wants to end.
+    ShutDown,
+}
+
+/// Target of [`Request::GoTo`]; none keeps what is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GoTo {
+    /// NED x about home, m.
+    pub north_m: Option<f64>,
+    /// NED y about home, m.
+    pub east_m: Option<f64>,
+    /// NED z about home, m.
+    pub down_m: Option<f64>,
+    /// Clockwise from north, rad.
+    pub yaw_rad: Option<f64>,
+    /// m/s.
+    pub speed_mps: Option<f64>,
+}
+
+/// Sticks of MANUAL_CONTROL, -1..=1; none = axis not used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ManualInput {
+    /// Forward +.
+    pub forward: Option<f64>,
+    /// Right +.
+    pub right: Option<f64>,
+    /// Clockwise +.
+    pub yaw: Option<f64>,
+    /// 0..=1, 0.5 = hold height (thrust itself in Stabilized).
+    pub throttle: Option<f64>,
+}
+
+/// Frame of an off-board set point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum OffboardFrame {
+    /// NED about home (MAV_FRAME_LOCAL_NED; global frames arrive converted).
+    Local,
+    /// Position relative to where the vehicle is, along NED (MAV_FRAME_LOCAL_OFFSET_NED).
+    LocalOffset,
+    /// Relative to the vehicle, along its heading, level (MAV_FRAME_BODY_NED, BODY_OFFSET_NED, BODY_FRD).
+    Body,
+}
+
+/// One off-board set point: what is none is not controlled by it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum OffboardSetpoint {
+    /// Position and velocity, each axis on its own.
+    Motion {
+        /// Frame of all axes.
+        frame: OffboardFrame,
+        /// m.
+        position: [Option<f64>; 3],
+        /// m/s.
+        velocity: [Option<f64>; 3],
+        /// rad, clockwise from north (relative to heading in body frames).
+        yaw_rad: Option<f64>,
+        /// rad/s clockwise.
+        yaw_rate_radps: Option<f64>,
+    },
+    /// Attitude and thrust (SET_ATTITUDE_TARGET).
+    Attitude {
+        /// Right side down +, rad.
+        roll_rad: f64,
+        /// Nose up +, rad.
+        pitch_rad: f64,
+        /// Clockwise from north, rad; none = use the rate.
+        yaw_rad: Option<f64>,
+        /// rad/s clockwise.
+        yaw_rate_radps: Option<f64>,
+        /// 0..=1.
+        thrust: f64,
+    },
+}
+
+/// Keys of the key console, already decoded (uQuad's table, seed-facts 1.8; our signs in `gcs/keys.rs`).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Key {
+    /// m: manual mode on or off (allowed in Hold while flying).
+    ToggleManual,
+    /// j +, g -: roll right set point, one step of 0.045 rad.
+    Roll(Step),
+    /// y +, h -: nose down set point, one step of 0.045 rad.
+    NoseDown(Step),
+    /// q +, w -: counter-clockwise yaw set point, one step of 0.045 rad.
+    YawLeft(Step),
+    /// e +, d -: height set point, one step of 0.2 m.
+    Height(Step),
+    /// i +, k -: mass of the thrust model, one step of 0.05 kg.
+    Mass(Step),
+    /// 0: mass back to the airframe's.
+    MassDefault,
+    /// 8 forward, 2 back: hover position along the heading, one step of 0.2 m.
+    NudgeForward(Step),
+    /// 6 right, 4 left: hover position across the heading, one step of 0.2 m.
+    NudgeRight(Step),
+    /// Lone ENTER: a marker into the log.
+    Marker,
+    /// Lone ESC: land in flight, disarm on the ground.
+    Escape,
+}
+
+/// Direction of a key's step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Step {
+    /// One step up.
+    Plus,
+    /// One step down.
+    Minus,
+}
+
+impl Step {
+    /// +1 or -1.
+    #[must_use]
+    pub const fn sign(self) -> f64 {
+        match self {
+            Self::Plus => 1.0,
+            Self::Minus => -1.0,
+        }
+    }
+}
+
+/// What became of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Of which request.
+    pub id: RequestId,
+    /// Who asked.
+    pub station: Station,
+    /// What became of it.
+    pub outcome: Outcome,
+}
+
+/// What became of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// Done, or begun.
+    Accepted,
+    /// A key was taken; the set point now is this.
+    KeyTaken(KeySetpoint),
+    /// Not done.
+    Refused(Refusal),
+}
+
+/// Set point of key mode, for the reply to each key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct KeySetpoint {
+    /// Manual mode is on.
+    pub is_manual: bool,
+    /// Roll right +, rad.
+    pub roll_rad: f64,
+    /// Nose down +, rad.
+    pub nose_down_rad: f64,
+    /// Clockwise from north, rad.
+    pub yaw_rad: f64,
+    /// NED about home, m.
+    pub position: In<Ned>,
+    /// Mass of the thrust model, kg.
+    pub mass_kg: f64,
+}
+
+/// How a refusal is reported: MAV_RESULT.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RefusalClass {
+    /// Not now: MAV_RESULT_TEMPORARILY_REJECTED.
+    NotNow,
+    /// Never like this: MAV_RESULT_DENIED.
+    Denied,
+    /// Not built or not known: MAV_RESULT_UNSUPPORTED.
+    Unsupported,
+}
+
+/// Why a request was refused. `Display` is the sentence for the pilot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// The flight controller does not answer.
+    FcSilent,
+    /// The flight controller blocks arming; its flags in the order of its firmware.
+    FcBlocks {
+        /// Name of the first blocking flag.
+        flag: FcBlock,
+    },
+    /// It did not arm in time.
+    FcDidNotArm,
+    /// Roll, pitch or height is not known yet.
+    NoAttitude,
+    /// The place on the plan is not known.
+    NotLocalized,
+    /// The search flight is not allowed (parameter LOC_SEARCH).
+    SearchDisabled,
+    /// No ranger delivers.
+    NoRangers,
+    /// The battery is too low, percent.
+    BatteryLow {
+        /// Percent left.
+        percent: u8,
+    },
+    /// Disarmed, and the request needs a flying vehicle.
+    NotFlying,
+    /// Armed or flying, and the request needs a vehicle at rest.
+    Flying,
+    /// Needs to be armed first.
+    NotArmed,
+    /// No plan is stored.
+    NoPlan,
+    /// The plan has no such item.
+    NoSuchItem {
+        /// Asked for.
+        seq: u16,
+        /// Items of the plan.
+        total: u16,
+    },
+    /// A place outside the plan or too near a wall.
+    PlaceBlocked,
+    /// No way leads there.
+    NoRoute,
+    /// Off-board needs a stream of set points first.
+    NoOffboardStream,
+    /// Another station is steering.
+    OtherStation {
+        /// Its system id.
+        system: u8,
+    },
+    /// Keys count only while manual mode is on (`m`).
+    KeyModeOff,
+    /// Manual input counts only in stick modes.
+    NotStickMode,
+    /// A number is NaN, infinite or out of range.
+    BadNumber,
+    /// The vehicle is being shut down.
+    ShuttingDown,
+    /// A failsafe holds the vehicle.
+    Failsafe(Because),
+    /// Not built.
+    Unsupported,
+}
+
+impl Refusal {
+    /// How it is reported.
+    #[must_use]
+    pub const fn class(&self) -> RefusalClass {
+        match self {
+            Self::BadNumber
+            | Self::PlaceBlocked
+            | Self::NoSuchItem { .. }
+            | Self::Flying
+            | Self::NotArmed => RefusalClass::Denied,
+            Self::Unsupported => RefusalClass::Unsupported,
+            _ => RefusalClass::NotNow,
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FcSilent => write!(f, "flight controller does not answer"),
+            Self::FcBlocks { flag } => write!(f, "flight controller blocks arming: {flag}"),
+            Self::FcDidNotArm => write!(f, "flight controller did not arm in time"),
+            Self::NoAttitude => write!(f, "attitude and height are not known yet"),
+            Self::NotLocalized => write!(f, "not localized"),
+            Self::SearchDisabled => write!(f, "not localized and LOC_SEARCH is 0"),
+            Self::NoRangers => write!(f, "range finders are silent"),
+            Self::BatteryLow { percent } => write!(f, "battery low ({percent} %)"),
+            Self::NotFlying => write!(f, "not flying"),
+            Self::Flying => write!(f, "flying: land first"),
+            Self::NotArmed => write!(f, "not armed"),
+            Self::NoPlan => write!(f, "no mission stored"),
+            Self::NoSuchItem { seq, total } => {
+                write!(f, "no mission item {seq} (there are {total})")
+            }
+            Self::PlaceBlocked => write!(f, "that place is in a wall or off the plan"),
+            Self::NoRoute => write!(f, "no way leads there"),
+            Self::NoOffboardStream => write!(f, "send off-board set points first"),
+            Self::OtherStation { system } => write!(f, "system {system} is steering"),
+            Self::KeyModeOff => write!(f, "manual mode is off (m switches it on)"),
+            Self::NotStickMode => write!(f, "sticks count in Position, Altitude, Stabilized"),
+            Self::BadNumber => write!(f, "a value is not a number or out of range"),
+            Self::ShuttingDown => write!(f, "shutting down"),
+            Self::Failsafe(because) => write!(f, "failsafe holds: {}", because.words()),
+            Self::Unsupported => write!(f, "not supported"),
+        }
+    }
+}
+
+impl Because {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Asked => "asked for",
+            Self::Finished => "finished",
+            Self::OffboardSilent => "off-board set points stopped",
+            Self::ManualSilent => "manual input stopped",
+            Self::GroundLost => "ground station lost",
+            Self::NotLocalized => "not localized",
+            Self::RangersSilent => "range finders silent",
+            Self::BatteryLow => "battery low",
+            Self::ShuttingDown => "shutting down",
+            Self::EstimatorFailed => "estimate unusable",
+        }
+    }
+}
+
+/// First reason a flight controller gives for not arming, as its name in the firmware.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FcBlock(pub ArrayString16);
+
+/// Short name without allocation.
+pub type ArrayString16 = arrayvec::ArrayString<16>;
+
+impl fmt::Display for FcBlock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// What happened, once each.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Event {
+    /// Mode changed.
+    Mode(ModeState),
+    /// Motors started or stopped.
+    Armed(bool),
+    /// Landed state changed.
+    Landed(LandedState),
+    /// A mission item is done.
+    ItemReached(u16),
+    /// Something to tell the pilot.
+    Notice(Notice),
+    /// Home moved.
+    HomeSet,
+    /// A plan no longer in use, to be freed by `Ground`.
+    PlanRetired(Arc<Plan>),
+    /// A marker of the key console.
+    Marker(Timestamp),
+}
+
+/// How loud a notice is: MAV_SEVERITY.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Severity {
+    /// 2.
+    Critical,
+    /// 3.
+    Error,
+    /// 4.
+    Warning,
+    /// 5.
+    Notice,
+    /// 6.
+    Info,
+}
+
+/// Sentences for the pilot, as values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Notice {
+    /// The flight controller answered.
+    FcFound {
+        /// `BTFL`, `INAV` ...
+        variant: [u8; 4],
+        /// Firmware version.
+        version: [u8; 3],
+    },
+    /// The flight controller fell silent.
+    FcLost,
+    /// Place found.
+    Localized {
+        /// On the plan, m.
+        x_m: f64,
+        /// On the plan, m.
+        y_m: f64,
+    },
+    /// Place lost.
+    LocalizationLost,
+    /// Search flight begins.
+    Searching,
+    /// Search flight gave up.
+    SearchFailed,
+    /// A failsafe acts.
+    Failsafe {
+        /// Trigger.
+        because: Because,
+        /// Mode it set.
+        mode: Mode,
+    },
+    /// A failsafe's cause is gone.
+    FailsafeCleared(Because),
+    /// A request was refused.
+    Refused(Refusal),
+    /// The plan is done.
+    MissionFinished,
+    /// An item could not be flown.
+    ItemRefused {
+        /// Item.
+        seq: u16,
+        /// Why.
+        why: Refusal,
+    },
+    /// An obstacle blocks the way.
+    WayBlocked,
+    /// Battery low, percent.
+    BatteryLow {
+        /// Percent left.
+        percent: u8,
+    },
+    /// Touched down.
+    Landed,
+    /// The flight controller disarmed by itself.
+    FcDisarmed,
+}
+
+impl Notice {
+    /// How loud.
+    #[must_use]
+    pub const fn severity(&self) -> Severity {
+        match self {
+            Self::FcLost | Self::Failsafe { .. } | Self::FcDisarmed => Severity::Critical,
+            Self::LocalizationLost | Self::SearchFailed | Self::BatteryLow { .. } => {
+                Severity::Error
+            }
+            Self::Refused(_) | Self::ItemRefused { .. } | Self::WayBlocked => Severity::Warning,
+            _ => Severity::Info,
+        }
+    }
+}
+
+impl fmt::Display for Notice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FcFound {
+                variant,
+                version: [a, b, c],
+            } => {
+                write!(
+                    f,
+                    "Flight controller {} {a}.{b}.{c}",
+                    String::from_utf8_lossy(variant)
+                )
+            }
+            Self::FcLost => write!(f, "Flight controller lost"),
+            Self::Localized { x_m, y_m } => {
+                write!(f, "Localized at {x_m:.2}, {y_m:.2} on the plan")
+            }
+            Self::LocalizationLost => write!(f, "Localization lost"),
+            Self::Searching => write!(f, "Not localized: searching"),
+            Self::SearchFailed => write!(f, "Not localized: search gave up, landing"),
+            Self::Failsafe { because, mode } => {
+                write!(f, "Failsafe: {}: {}", because.words(), mode.name())
+            }
+            Self::FailsafeCleared(because) => write!(f, "Failsafe cleared: {}", because.words()),
+            Self::Refused(why) => write!(f, "Refused: {why}"),
+            Self::MissionFinished => write!(f, "Mission finished"),
+            Self::ItemRefused { seq, why } => write!(f, "Mission item {seq}: {why}"),
+            Self::WayBlocked => write!(f, "Way blocked: looking for another"),
+            Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
+            Self::Landed => write!(f, "Landed"),
+            Self::FcDisarmed => write!(f, "Flight controller disarmed by itself"),
+        }
+    }
+}
+
+/// On the ground or not: MAV_LANDED_STATE.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LandedState {
+    /// On the ground.
+    #[default]
+    OnGround,
+    /// Flying.
+    InAir,
+    /// Climbing to the take-off height.
+    TakingOff,
+    /// Coming down.
+    Landing,
+}
+
+/// Where the plan stands: MISSION_STATE.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MissionState {
+    /// No plan.
+    #[default]
+    None,
+    /// Stored, not begun.
+    NotStarted,
+    /// Being flown.
+    Active,
+    /// Interrupted; mode Mission resumes it.
+    Paused,
+    /// Flown to its end.
+    Complete,
+}
+
+/// Where the plan stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MissionStatus {
+    /// Current item.
+    pub seq: u16,
+    /// Items.
+    pub total: u16,
+    /// State.
+    pub state: MissionState,
+}
+
+/// The flight controller as the link sees it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FcStatus {
+    /// It answers.
+    pub is_connected: bool,
+    /// `BTFL`, `INAV` ...; zeros before it answered.
+    pub variant: [u8; 4],
+    /// Firmware version.
+    pub version: [u8; 3],
+    /// MSP API version.
+    pub api: [u8; 2],
+    /// Replies a second.
+    pub service_rate_hz: f64,
+    /// Round trip, us, smoothed.
+    pub round_trip_us: f64,
+    /// Reason it would not arm now, if any.
+    pub block: Option<FcBlock>,
+    /// Received signal strength, 0..=254, none if unknown.
+    pub rssi: Option<u8>,
+    /// CPU load, percent.
+    pub load_percent: f64,
+    /// Frames dropped for a bad checksum.
+    pub bad_frames: u64,
+    /// Requests that were not answered in time.
+    pub timeouts: u64,
+}
+
+/// Timing of the flight loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LoopStatus {
+    /// Ticks since start.
+    pub ticks: u64,
+    /// Ticks that came more than a period late.
+    pub missed: u64,
+    /// Age of the newest attitude when the last RC frame was made, us.
+    pub sample_to_command_us: f64,
+}
+
+/// Everything the ground may want to know, copied each tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// When it was taken.
+    pub at: Timestamp,
+    /// The estimate.
+    pub nav: NavState,
+    /// Mode and why.
+    pub mode: ModeState,
+    /// Motors run.
+    pub is_armed: bool,
+    /// On the ground or not.
+    pub landed: LandedState,
+    /// Manual mode of the key console is on.
+    pub is_key_mode: bool,
+    /// Why an arm would be refused now; none = armable.
+    pub arm_blocked_by: Option<Refusal>,
+    /// The set point that control follows.
+    pub setpoint: Option<Setpoint>,
+    /// Attitude that control asks for.
+    pub attitude_target: Rot<Frd, Ned>,
+    /// Velocity that control asks for, m/s.
+    pub velocity_target: In<Ned>,
+    /// Thrust that control asks for, 0..=1.
+    pub thrust_target: f64,
+    /// Sticks sent last.
+    pub sticks: Sticks,
+    /// RC channels sent last, us: roll, pitch, throttle, yaw, aux ...
+    pub rc_us: ArrayVec<u16, 18>,
+    /// Battery.
+    pub battery: Option<BatterySample>,
+    /// Flight controller.
+    pub fc: FcStatus,
+    /// Newest inertial sample.
+    pub imu: Option<ImuSample>,
+    /// Newest barometer sample.
+    pub baro: Option<BaroSample>,
+    /// Newest down range.
+    pub down_range: Option<DownRange>,
+    /// Newest optical flow.
+    pub flow: Option<FlowSample>,
+    /// Newest reading of each horizontal ranger, as one scan.
+    pub scan: Option<RangeScan>,
+    /// A horizontal ranger spoke within the last second.
+    pub rangers_alive: bool,
+    /// Where the plan stands.
+    pub mission: MissionStatus,
+    /// Home, NED (zero unless it was moved), m.
+    pub home: In<Ned>,
+    /// Heading at home, rad.
+    pub home_yaw_rad: f64,
+    /// Flight loop.
+    pub flight_loop: LoopStatus,
+}

@@ -1,0 +1,107 @@
+//! Pre-flight checks: why an arm would be refused now.
+
+use super::arming::FcArmState;
+use super::door::Refusal;
+use super::params::AutopilotParams;
+use vehicle::NavState;
+
+/// What the checks look at.
+#[derive(Clone, Copy, Debug)]
+pub struct Checks<'a> {
+    /// The flight controller answers and is identified.
+    pub fc_is_connected: bool,
+    /// What it says about arming.
+    pub fc: &'a FcArmState,
+    /// The estimate.
+    pub nav: &'a NavState,
+    /// A horizontal ranger speaks.
+    pub rangers_alive: bool,
+    /// Battery left, 0..=1.
+    pub battery: Option<f64>,
+    /// The program wants to end.
+    pub is_shutting_down: bool,
+    /// Parameters.
+    pub params: &'a AutopilotParams,
+}
+
+/// The first failing check; none = armable.
+#[must_use]
+pub fn first_failure(c: &Checks<'_>) -> Option<Refusal> {
+    if c.is_shutting_down {
+        return Some(Refusal::ShuttingDown);
+    }
+    controller_failure(c).or_else(|| own_failure(c))
+}
+
+/// What the flight controller objects to; a forced arm cannot skip it.
+#[must_use]
+pub fn controller_failure(c: &Checks<'_>) -> Option<Refusal> {
+    if !c.fc_is_connected {
+        return Some(Refusal::FcSilent);
+    }
+    c.fc.block.map(|flag| Refusal::FcBlocks { flag })
+}
+
+/// What we object to; a forced arm skips it.
+fn own_failure(c: &Checks<'_>) -> Option<Refusal> {
+    if !c.nav.health.attitude || !c.nav.health.height {
+        return Some(Refusal::NoAttitude);
+    }
+    if !c.rangers_alive {
+        return Some(Refusal::NoRangers);
+    }
+    if !c.nav.health.position && !c.params.search {
+        return Some(Refusal::SearchDisabled);
+    }
+    match c.battery {
+        Some(left) if left * 100.0 < c.params.battery_low_percent => Some(Refusal::BatteryLow {
+            percent: (left * 100.0) as u8,
+        }),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autopilot::door::FcBlock;
+    use vehicle::NavHealth;
+
+    #[test]
+    fn each_check_names_its_reason_in_order() {
+        let params = AutopilotParams::default();
+        let mut nav = NavState::default();
+        let blocked = FcArmState {
+            block: Some(FcBlock("THROTTLE".try_into().unwrap())),
+            ..Default::default()
+        };
+        let free = FcArmState::default();
+        let mut c = Checks {
+            fc_is_connected: false,
+            fc: &blocked,
+            nav: &nav,
+            rangers_alive: false,
+            battery: Some(0.05),
+            is_shutting_down: false,
+            params: &params,
+        };
+        let said = |c: &Checks<'_>| first_failure(c).map(|r| r.to_string()).unwrap_or_default();
+        assert_eq!(said(&c), "flight controller does not answer");
+        c.fc_is_connected = true;
+        assert_eq!(said(&c), "flight controller blocks arming: THROTTLE");
+        c.fc = &free;
+        assert_eq!(said(&c), "attitude and height are not known yet");
+        nav.health = NavHealth {
+            attitude: true,
+            height: true,
+            velocity: true,
+            position: false,
+        };
+        let mut c = Checks { nav: &nav, ..c };
+        assert_eq!(said(&c), "range finders are silent");
+        c.rangers_alive = true;
+        assert_eq!(said(&c), "battery low (5 %)");
+        c.battery = Some(0.8);
+        assert_eq!(said(&c), "", "an unknown place is looked for in flight");
+    }
+}

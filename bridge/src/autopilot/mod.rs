@@ -1,0 +1,16 @@
+//! The brain: two pure machines with one narrow door.
+//!
+//! [`flight`] is the page to read first: the tick, in order. [`ground`] holds every MAVLink service. They meet only
+//! through [`door`].
+
+pub mod arbiter;
+pub mod arming;
+pub mod door;
+pub mod flight;
+pub mod ground;
+pub mod health;
+pub mod io;
+pub mod mode;
+pub mod modes;
+pub mod params;
+pub mod supervisor;

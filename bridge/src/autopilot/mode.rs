@@ -1,0 +1,107 @@
+//! Flight modes and why the vehicle is in one.
+
+use serde::{Deserialize, Serialize};
+
+/// Flight modes, named as ground stations name them (PX4 encoding in `gcs/convert.rs`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// Angle sticks, thrust direct.
+    Stabilized,
+    /// Angle sticks, height held.
+    Altitude,
+    /// Velocity sticks; avoidance brakes.
+    Position,
+    /// Hover at a set point; keys nudge it.
+    #[default]
+    Hold,
+    /// Fly the plan.
+    Mission,
+    /// Fly home and land.
+    Return,
+    /// Come down here.
+    Land,
+    /// Climb to the take-off height, then Hold.
+    Takeoff,
+    /// Set points streamed by a ground program.
+    Offboard,
+}
+
+impl Mode {
+    /// Every mode, in the order AVAILABLE_MODES lists them.
+    pub const ALL: [Self; 9] = [
+        Self::Hold,
+        Self::Mission,
+        Self::Return,
+        Self::Land,
+        Self::Takeoff,
+        Self::Offboard,
+        Self::Position,
+        Self::Altitude,
+        Self::Stabilized,
+    ];
+
+    /// Name for people, as QGroundControl shows it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stabilized => "Stabilized",
+            Self::Altitude => "Altitude",
+            Self::Position => "Position",
+            Self::Hold => "Hold",
+            Self::Mission => "Mission",
+            Self::Return => "Return",
+            Self::Land => "Land",
+            Self::Takeoff => "Takeoff",
+            Self::Offboard => "Offboard",
+        }
+    }
+
+    /// True if a pilot's sticks steer it.
+    #[must_use]
+    pub const fn is_stick_mode(self) -> bool {
+        matches!(self, Self::Stabilized | Self::Altitude | Self::Position)
+    }
+}
+
+/// Why the vehicle is in its mode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Because {
+    /// Somebody asked for it, or it is the mode at start.
+    #[default]
+    Asked,
+    /// The mode before it came to its end (take-off reached, mission finished, search over).
+    Finished,
+    /// Off-board set points stopped.
+    OffboardSilent,
+    /// Manual input stopped.
+    ManualSilent,
+    /// The ground station fell silent.
+    GroundLost,
+    /// Localization is lost, or did not come in time.
+    NotLocalized,
+    /// The range finders fell silent.
+    RangersSilent,
+    /// The battery is low.
+    BatteryLow,
+    /// The program is asked to end.
+    ShuttingDown,
+    /// The estimator has no usable state.
+    EstimatorFailed,
+}
+
+impl Because {
+    /// True if the mode was forced by a failsafe.
+    #[must_use]
+    pub const fn is_failsafe(self) -> bool {
+        !matches!(self, Self::Asked | Self::Finished)
+    }
+}
+
+/// Mode and reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModeState {
+    /// Mode.
+    pub mode: Mode,
+    /// Why.
+    pub because: Because,
+}

@@ -1,0 +1,59 @@
+//! Parameters of modes, failsafes, take-off and landing.
+
+vehicle::param_choice! {
+    /// What to do when the ground station falls silent (PX4's codes).
+    pub enum LossAction {
+        /// Nothing.
+        Disabled = 0, "disabled";
+        /// Hover.
+        Hold = 1, "hold";
+        /// Fly home and land.
+        Return = 2, "return";
+        /// Come down here.
+        Land = 3, "land";
+    }
+}
+
+vehicle::params! {
+    /// Modes, failsafes, take-off and landing.
+    pub struct AutopilotParams {
+        /// Height of a take-off that names none, above the floor at home (chosen: above furniture edges, below lamps).
+        takeoff_height_m: float "MIS_TAKEOFF_ALT" = 1.0, "m", 0.3..=10.0;
+        /// Height of the way home; 0 keeps the height flown at.
+        return_height_m: float "RTL_RETURN_ALT" = 0.0, "m", 0.0..=10.0;
+        /// Ceiling: no set point is higher, above the floor at home.
+        ceiling_m: float "KST_CEILING" = 2.2, "m", 0.5..=20.0;
+        /// Speed of climb on take-off.
+        climb_mps: float "MPC_TKO_SPEED" = 0.6, "m/s", 0.1..=2.0;
+        /// Speed of descent in landing.
+        descent_mps: float "MPC_LAND_SPEED" = 0.4, "m/s", 0.1..=1.0;
+        /// Time after touch-down before the motors stop.
+        disarm_after_landing_s: float "COM_DISARM_LAND" = 0.5, "s", 0.0..=20.0;
+        /// Time disarmed on the ground after arming without take-off.
+        disarm_preflight_s: float "COM_DISARM_PRFLT" = 10.0, "s", 0.0..=120.0;
+        /// Take off to look for the place on the plan when it is not known (climb to 0.8 m, one turn).
+        search: bool "LOC_SEARCH" = true;
+        /// Height of the search flight.
+        search_height_m: float "LOC_SEARCH_ALT" = 0.8, "m", 0.4..=3.0;
+        /// Longest search before landing.
+        search_timeout_s: float "LOC_SEARCH_T" = 45.0, "s", 5.0..=300.0;
+        /// Time without localization in the air before landing.
+        lost_timeout_s: float "LOC_LOST_T" = 4.0, "s", 0.5..=60.0;
+        /// Action when the ground station falls silent.
+        ground_loss_action: choice<LossAction> "NAV_DLL_ACT" = LossAction::Land;
+        /// Silence of the ground station before the action.
+        ground_loss_s: float "COM_DL_LOSS_T" = 3.0, "s", 0.5..=60.0;
+        /// Silence of an off-board stream before Hold.
+        offboard_loss_s: float "COM_OF_LOSS_T" = 0.5, "s", 0.2..=10.0;
+        /// Off-board set points pass obstacle avoidance.
+        offboard_avoid: bool "KST_OFFB_AVOID" = true;
+        /// Silence of manual input before the sticks count as centred.
+        manual_loss_s: float "COM_RC_LOSS_T" = 0.5, "s", 0.1..=10.0;
+        /// Silence of manual input, sticks centred, before Hold.
+        manual_hold_s: float "KST_MAN_HOLD_T" = 2.0, "s", 0.2..=60.0;
+        /// Battery left at which the vehicle returns and lands, percent; 0 never.
+        battery_low_percent: float "BAT_LOW_THR" = 15.0, "%", 0.0..=60.0;
+        /// RC frames a second (Betaflight drops the craft after 0.3 s without one; its serial task serves 100 messages/s).
+        rc_hz: int "KST_RC_HZ" = 40, "Hz", 20..=250;
+    }
+}

@@ -1,0 +1,275 @@
+//! `kestrel fly`: the real thing.
+
+use super::sim::{StartArg, parse_endpoints};
+use super::stop::Stop;
+use super::term::Terminal;
+use super::{Usage, load_plan, settings};
+use anyhow::{Context as _, Result, anyhow};
+use bridge::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use bridge::autopilot::flight::{Flight, FlightConfig, Start};
+use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
+use bridge::gcs::Document;
+use bridge::io::clock::{self, Clock};
+use bridge::io::endpoint::{Endpoint, EndpointError};
+use bridge::io::flight_thread::{self, FlightHandle, News};
+use bridge::io::keep::Keep;
+use bridge::io::lockstep::our_address;
+use bridge::io::net::{LinkEvent, Links};
+use bridge::settings::Origin;
+use clap::Args;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+use vehicle::{Airframe, Pace, RingConfig, Timestamp};
+
+/// How often the door is looked at when no link speaks.
+const LOOK: Duration = Duration::from_millis(2);
+/// Longest landing before the program ends anyway.
+const LANDING: Duration = Duration::from_secs(30);
+
+/// Fly the real thing.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n\nRange finder drivers are not built yet: without a ring that speaks, take-off is refused."
+)]
+pub(crate) struct FlyArgs {
+    /// Flight controller: serial:///dev/...?baudrate=N or tcpclient://host:port.
+    #[arg(long, value_name = "URL")]
+    fc: String,
+    /// Floor plan (ROS map_server YAML).
+    #[arg(long, value_name = "PLAN.yaml")]
+    map: PathBuf,
+    /// MAVLink endpoint (repeatable); only these open.
+    #[arg(long, value_name = "URL")]
+    mavlink: Vec<String>,
+    /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`; default: the plan's home.
+    #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
+    start: Option<StartArg>,
+    /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
+    rangers: String,
+    /// Keep parameters and mission in this folder.
+    #[arg(long, value_name = "DIR", default_value = "kestrel-state")]
+    state_dir: PathBuf,
+    /// Configuration file (TOML).
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Set a parameter: NAME=VALUE (repeatable).
+    #[arg(long = "param", value_name = "NAME=VALUE")]
+    params: Vec<String>,
+    /// No status line.
+    #[arg(long)]
+    headless: bool,
+    /// Say nothing.
+    #[arg(long)]
+    quiet: bool,
+}
+
+pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
+    let stop = Stop::listen()?;
+    let fc: Endpoint = args
+        .fc
+        .parse()
+        .map_err(|e: EndpointError| Usage(e.to_string()))?;
+    if args.mavlink.is_empty() {
+        return Err(Usage(
+            "name at least one --mavlink endpoint: in `fly` only named links open".to_owned(),
+        )
+        .into());
+    }
+    let wanted = parse_endpoints(&args.mavlink)?;
+    let plan = Arc::new(load_plan(&args.map)?);
+    let ring = match RingConfig::built_in(&args.rangers) {
+        Ok(ring) => ring,
+        Err(e) if !args.rangers.ends_with(".toml") => return Err(Usage(e.to_string()).into()),
+        Err(_) => {
+            let text = std::fs::read_to_string(&args.rangers)
+                .with_context(|| format!("cannot read {}", args.rangers))?;
+            RingConfig::from_toml(&text).with_context(|| format!("in {}", args.rangers))?
+        }
+    };
+    let keep = Keep::in_folder(Some(&args.state_dir))
+        .with_context(|| format!("cannot make the state folder {}", args.state_dir.display()))?;
+    let mut settings = settings(args.config.as_deref(), &[])?;
+    if let Some(bytes) = keep
+        .read("parameters.toml")
+        .context("cannot read the stored parameters")?
+    {
+        settings
+            .set_toml(&String::from_utf8_lossy(&bytes), Origin::Stored)
+            .context("in the stored parameters")?;
+    }
+    super::apply_sets(&mut settings, &args.params)?;
+    let mut documents = Vec::new();
+    if let Some(bytes) = keep
+        .read("mission.json")
+        .context("cannot read the stored mission")?
+    {
+        documents.push(Document {
+            name: "mission.json",
+            bytes,
+        });
+    }
+    let start = match args.start {
+        Some(StartArg::At(pose)) => Start::Known(pose),
+        Some(StartArg::Unknown) => Start::Unknown,
+        None => Start::Known(plan.home.unwrap_or_default()),
+    };
+
+    let clock = Clock::start(1.0);
+    let boot_utc_us = clock::utc_us();
+    let ground = Ground::new(GroundConfig {
+        us: our_address(&settings),
+        settings: settings.clone(),
+        anchor: plan.anchor(),
+        plan: Arc::clone(&plan),
+        airframe: Airframe::default(),
+        boot_utc_us,
+        documents,
+    });
+    let config = FlightConfig {
+        plan,
+        ring,
+        airframe: Airframe::default(),
+        start,
+        settings,
+        seed: boot_utc_us,
+    };
+    let flight = Flight::new(clock.now(), config);
+    let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+    let handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;
+
+    let mut terminal = Terminal::new(args.quiet);
+    terminal.line(&format!("Kestrel {} on {fc}", env!("CARGO_PKG_VERSION")));
+    for link in &links.described {
+        terminal.line(&format!("  MAVLink {link}"));
+    }
+    terminal.line(
+        "  Range finder drivers are not built yet: take-off will be refused until a ring speaks.",
+    );
+    GroundLoop {
+        ground,
+        handle,
+        links,
+        keep,
+        terminal,
+        clock,
+        stop,
+        shows_status: !args.headless,
+    }
+    .run()
+}
+
+/// `Ground` and its links, on the main thread.
+struct GroundLoop {
+    ground: Ground,
+    handle: FlightHandle,
+    links: Links,
+    keep: Keep,
+    terminal: Terminal,
+    clock: Clock,
+    stop: Stop,
+    shows_status: bool,
+}
+
+impl GroundLoop {
+    fn run(mut self) -> Result<ExitCode> {
+        let mut snapshot = Snapshot::default();
+        let mut known = BTreeSet::new();
+        let mut status = Pace::hz(2.0);
+        let mut texts_shown = Timestamp::ZERO;
+        let mut seen_tick = 0;
+        let mut stopping_since: Option<Timestamp> = None;
+        loop {
+            let mut event = self.links.wait(LOOK);
+            for _ in 0..256 {
+                let Some(e) = event.take() else { break };
+                let now = self.clock.now();
+                match e {
+                    LinkEvent::Up(link) => {
+                        known.insert(link);
+                        self.ground.link_up(now, link);
+                    }
+                    LinkEvent::Down(link) => {
+                        known.remove(&link);
+                        self.ground.link_down(link);
+                    }
+                    LinkEvent::Bytes {
+                        link,
+                        bytes,
+                        is_datagram,
+                    } => self.ground.receive(now, link, &bytes, is_datagram),
+                }
+                self.carry_out();
+                event = self.links.poll();
+            }
+            let now = self.clock.now();
+            while let Some(news) = self.handle.poll() {
+                match news {
+                    News::Answer(answer) => self.ground.answer(now, &answer),
+                    News::Event(event) => self.ground.event(now, &event),
+                }
+                self.carry_out();
+            }
+            self.handle.read_snapshot(&mut snapshot);
+            if snapshot.flight_loop.ticks != seen_tick {
+                seen_tick = snapshot.flight_loop.ticks;
+                self.ground.snapshot(now, &snapshot);
+            }
+            if self.ground.deadline() <= now {
+                self.ground.tick(now);
+            }
+            self.carry_out();
+            self.terminal.texts(&self.ground, &mut texts_shown);
+            if self.shows_status && status.is_due(now) {
+                self.terminal.status(&snapshot, known.len());
+            }
+            match (self.stop.count(), stopping_since) {
+                (0, _) => {}
+                (1, None) => {
+                    stopping_since = Some(now);
+                    self.terminal
+                        .line("  Stopping: landing first (Ctrl-C again ends at once)");
+                    let asked = Asked {
+                        id: RequestId(0),
+                        station: Station::default(),
+                        request: Request::ShutDown,
+                    };
+                    let _ = self.handle.ask(asked);
+                }
+                (1, Some(since)) => {
+                    let is_down =
+                        !snapshot.is_armed && now.since(since) > Duration::from_millis(200);
+                    if is_down || now.since(since) > LANDING {
+                        break;
+                    }
+                }
+                _ => break,
+            }
+        }
+        self.terminal.finish();
+        Ok(ExitCode::SUCCESS)
+    }
+
+    fn carry_out(&mut self) {
+        while let Some(output) = self.ground.poll() {
+            match output {
+                GroundOutput::Send { link, bytes } => self.links.send(link, bytes),
+                GroundOutput::Request(asked) => {
+                    if !self.handle.ask(asked) {
+                        self.terminal
+                            .line("  the flight thread is behind: a request was dropped");
+                    }
+                }
+                GroundOutput::Keep(document) => {
+                    if let Err(e) = self.keep.write(&document) {
+                        self.terminal
+                            .line(&format!("  cannot keep {}: {e}", document.name));
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! A simulated vehicle behind sockets until somebody says stop.
+
+use super::stop::Stop;
+use super::term::Terminal;
+use anyhow::Result;
+use bridge::gcs::Document;
+use bridge::io::clock::Clock;
+use bridge::io::endpoint::Endpoint;
+use bridge::io::keep::Keep;
+use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::net::{LinkEvent, Links};
+use std::collections::BTreeSet;
+use std::process::ExitCode;
+use std::time::Duration;
+use vehicle::{Pace, Timestamp};
+
+/// A link of the default set.
+pub(crate) struct DefaultLink {
+    /// Port on loopback.
+    pub(crate) port: u16,
+    /// Kind.
+    pub(crate) endpoint: fn(String) -> Endpoint,
+}
+
+/// What opens when no `--mavlink` is given: where QGroundControl and MAVSDK listen, and two doors for scripts.
+pub(crate) const DEFAULT_LINKS: [DefaultLink; 4] = [
+    DefaultLink {
+        port: 14550,
+        endpoint: Endpoint::UdpClient,
+    },
+    DefaultLink {
+        port: 14540,
+        endpoint: Endpoint::UdpClient,
+    },
+    DefaultLink {
+        port: 14555,
+        endpoint: Endpoint::UdpServer,
+    },
+    DefaultLink {
+        port: 5760,
+        endpoint: Endpoint::TcpServer,
+    },
+];
+
+/// Virtual time that passes between two looks at the sockets.
+const SLICE: Duration = Duration::from_millis(2);
+/// Furthest that virtual time runs to catch up after this process was held up.
+const CATCH_UP: Duration = Duration::from_millis(200);
+/// Longest landing before the program ends anyway, virtual time.
+const LANDING: Duration = Duration::from_secs(30);
+
+/// Everything a running simulation needs.
+pub(crate) struct Session {
+    pub(crate) lockstep: Lockstep,
+    pub(crate) links: Links,
+    pub(crate) keep: Keep,
+    pub(crate) terminal: Terminal,
+    pub(crate) stop: Stop,
+    /// Simulated seconds per second; none = as fast as it goes.
+    pub(crate) speed: Option<f64>,
+    pub(crate) shows_status: bool,
+}
+
+impl Session {
+    /// Runs until stopped.
+    pub(crate) fn run(mut self) -> Result<ExitCode> {
+        let clock = Clock::start(self.speed.unwrap_or(1.0));
+        let mut known = BTreeSet::new();
+        let mut status = Pace::hz(2.0 * self.speed.unwrap_or(1.0).recip().min(5.0));
+        let mut texts_shown = Timestamp::ZERO;
+        let mut stopping_since: Option<Timestamp> = None;
+        let mut behind = Duration::ZERO;
+        loop {
+            self.take_links(&mut known);
+            let now = self.lockstep.now();
+            let target = match self.speed {
+                None => now + SLICE,
+                Some(_) => {
+                    let due = Timestamp::from_us(
+                        clock.now().us().saturating_sub(behind.as_micros() as u64),
+                    );
+                    if due.since(now) > CATCH_UP {
+                        // Held up: let the lost time go instead of racing after it.
+                        behind += due.since(now) - CATCH_UP;
+                    }
+                    due.min(now + CATCH_UP)
+                }
+            };
+            self.lockstep.advance(target);
+            self.carry_out();
+
+            let now = self.lockstep.now();
+            self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
+            if self.shows_status && status.is_due(now) {
+                self.terminal.status(self.lockstep.snapshot(), known.len());
+            }
+            match (self.stop.count(), stopping_since) {
+                (0, _) => {}
+                (1, None) => {
+                    stopping_since = Some(now);
+                    self.terminal
+                        .line("  Stopping: landing first (Ctrl-C again ends at once)");
+                    self.lockstep.shut_down();
+                }
+                (1, Some(since)) => {
+                    let is_down = !self.lockstep.snapshot().is_armed
+                        && now.since(since) > Duration::from_millis(200);
+                    if is_down || now.since(since) > LANDING {
+                        break;
+                    }
+                }
+                _ => break,
+            }
+            if self.speed.is_some() {
+                let next = now + SLICE + behind;
+                if let Some(event) = self.links.wait(clock.until(next)) {
+                    self.link_event(event, &mut known);
+                }
+            }
+        }
+        self.carry_out();
+        self.lockstep.flush();
+        self.terminal.finish();
+        if let Some(e) = self.lockstep.write_error.take() {
+            return Err(anyhow::Error::new(e).context("a log could not be written completely"));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+
+    fn take_links(&mut self, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+        // Bounded: a flood waits in its queue, not in our loop.
+        for _ in 0..256 {
+            let Some(event) = self.links.poll() else {
+                break;
+            };
+            self.link_event(event, known);
+        }
+    }
+
+    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+        match event {
+            LinkEvent::Up(link) => {
+                known.insert(link);
+                self.lockstep.link_up(link);
+            }
+            LinkEvent::Down(link) => {
+                known.remove(&link);
+                self.lockstep.link_down(link);
+            }
+            LinkEvent::Bytes {
+                link,
+                bytes,
+                is_datagram,
+            } => self.lockstep.receive(link, &bytes, is_datagram),
+        }
+        self.carry_out();
+    }
+
+    fn carry_out(&mut self) {
+        while let Some(out) = self.lockstep.poll() {
+            match out {
+                Outgoing::Frame(link, frame) => self.links.send(link, frame),
+                Outgoing::Keep(document) => self.store(&document),
+            }
+        }
+    }
+
+    fn store(&mut self, document: &Document) {
+        if let Err(e) = self.keep.write(document) {
+            self.terminal
+                .line(&format!("  cannot keep {}: {e}", document.name));
+        }
+    }
+}

@@ -1,0 +1,386 @@
+//! `kestrel sim`: a drone in a simulated room, in real time, for ordinary ground stations.
+
+use super::session::{DEFAULT_LINKS, Session};
+use super::stop::Stop;
+use super::term::Terminal;
+use super::{Usage, rooms};
+use anyhow::{Context as _, Result, anyhow};
+use bridge::autopilot::flight::Start;
+use bridge::gcs::Document;
+use bridge::io::endpoint::Endpoint;
+use bridge::io::keep::Keep;
+use bridge::io::lockstep::{Lockstep, LockstepConfig};
+use bridge::io::net::{Links, Wanted};
+use bridge::io::record::Recorder;
+use bridge::io::truth::TruthFile;
+use bridge::settings::{Origin, Settings};
+use clap::{Args, ValueEnum};
+use sim::{Room, SimConfig, VehicleConfig, Walker};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+use std::time::Duration;
+use vehicle::{MapPose, RingConfig};
+
+/// Documents that may be in the state folder.
+const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
+
+/// Simulate a drone in a room.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+)]
+pub(crate) struct SimArgs {
+    /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
+    #[arg(value_name = "ROOM|PLAN.yaml", default_value = "office")]
+    pub(crate) room: String,
+    /// Every random number follows from it.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Simulated seconds per second, or `max`.
+    #[arg(long, value_name = "X|max")]
+    pub(crate) speed: Option<Speed>,
+    /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`.
+    #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
+    pub(crate) start: Option<StartArg>,
+    /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
+    pub(crate) rangers: String,
+    /// Optical flow sensor.
+    #[arg(long, default_value = "on")]
+    pub(crate) flow: Switch,
+    /// MAVLink endpoint (repeatable); replaces the default set.
+    #[arg(long, value_name = "URL")]
+    pub(crate) mavlink: Vec<String>,
+    /// Write truth beside estimate, 50 rows a second (CSV).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Write the flight log: every input of the flight loop.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) log: Option<PathBuf>,
+    /// Keep parameters and mission in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) state_dir: Option<PathBuf>,
+    /// Number of this vehicle: system id 1 + N, default ports + 10 N.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=200))]
+    pub(crate) instance: u16,
+    /// A person who walks from one place to the other: x1,y1,x2,y2,speed[,start_s] (plan metres, m/s; repeatable).
+    #[arg(
+        long,
+        value_name = "x1,y1,x2,y2,speed[,start_s]",
+        allow_hyphen_values = true
+    )]
+    pub(crate) person: Vec<PersonArg>,
+    /// Charge of the battery at start, percent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
+    pub(crate) battery: f64,
+    /// Configuration file (TOML, one table per section of `kestrel params`).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Set a parameter: NAME=VALUE (repeatable).
+    #[arg(long = "param", value_name = "NAME=VALUE")]
+    pub(crate) params: Vec<String>,
+    /// No status line (a log line when something happens).
+    #[arg(long)]
+    pub(crate) headless: bool,
+    /// Say nothing.
+    #[arg(long)]
+    pub(crate) quiet: bool,
+}
+
+impl Default for SimArgs {
+    fn default() -> Self {
+        Self {
+            room: "office".to_owned(),
+            seed: 1,
+            speed: None,
+            start: None,
+            rangers: "tof32".to_owned(),
+            flow: Switch::On,
+            mavlink: Vec::new(),
+            truth: None,
+            log: None,
+            state_dir: None,
+            instance: 0,
+            person: Vec::new(),
+            battery: 100.0,
+            config: None,
+            params: Vec::new(),
+            headless: false,
+            quiet: false,
+        }
+    }
+}
+
+/// Speed of simulated time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Speed {
+    /// Simulated seconds per second.
+    Times(f64),
+    /// As fast as it goes.
+    Max,
+}
+
+impl FromStr for Speed {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        if s == "max" {
+            return Ok(Self::Max);
+        }
+        match s.parse::<f64>() {
+            Ok(x) if (0.01..=1000.0).contains(&x) => Ok(Self::Times(x)),
+            _ => Err("a number from 0.01 to 1000, or `max`".to_owned()),
+        }
+    }
+}
+
+/// `--start`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum StartArg {
+    /// On the plan.
+    At(MapPose),
+    /// It stands at home and does not know it.
+    Unknown,
+}
+
+impl FromStr for StartArg {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        if s == "unknown" {
+            return Ok(Self::Unknown);
+        }
+        match numbers(s)[..] {
+            [x_m, y_m, yaw_rad] => Ok(Self::At(MapPose { x_m, y_m, yaw_rad })),
+            _ => Err("x,y,yaw (plan metres, radians) or `unknown`".to_owned()),
+        }
+    }
+}
+
+/// `--person`.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PersonArg(Walker);
+
+impl FromStr for PersonArg {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        let (x1, y1, x2, y2, speed_mps, start_s) = match numbers(s)[..] {
+            [x1, y1, x2, y2, v] => (x1, y1, x2, y2, v, 0.0),
+            [x1, y1, x2, y2, v, t] if t >= 0.0 => (x1, y1, x2, y2, v, t),
+            _ => return Err("x1,y1,x2,y2,speed[,start_s]".to_owned()),
+        };
+        Ok(Self(Walker {
+            path: vec![[x1, y1], [x2, y2]],
+            speed_mps,
+            start: Duration::from_secs_f64(start_s),
+            then: sim::Then::Stay,
+        }))
+    }
+}
+
+/// Finite numbers between commas; none if one is not.
+fn numbers(s: &str) -> Vec<f64> {
+    let all: Option<Vec<f64>> = s
+        .split(',')
+        .map(|v| v.trim().parse().ok().filter(|v: &f64| v.is_finite()))
+        .collect();
+    all.unwrap_or_default()
+}
+
+/// `on` or `off`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Switch {
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
+
+impl SimArgs {
+    fn room(&self) -> Result<Room> {
+        let looks_like_a_file =
+            self.room.contains('/') || self.room.ends_with(".yaml") || self.room.ends_with(".yml");
+        if looks_like_a_file {
+            let path = Path::new(&self.room);
+            Ok(Room::from_plan(&self.room, super::load_plan(path)?))
+        } else {
+            rooms::bundled(&self.room)
+        }
+    }
+
+    fn ring(&self) -> Result<RingConfig> {
+        if self.rangers.ends_with(".toml") || self.rangers.contains('/') {
+            let text = std::fs::read_to_string(&self.rangers)
+                .with_context(|| format!("cannot read the ring {}", self.rangers))?;
+            return RingConfig::from_toml(&text).with_context(|| format!("in {}", self.rangers));
+        }
+        Ok(RingConfig::built_in(&self.rangers).map_err(|e| {
+            let nearest =
+                bridge::settings::nearest(&self.rangers, RingConfig::BUILT_IN.into_iter());
+            Usage(format!(
+                "{e}{}",
+                nearest
+                    .map(|n| format!("; did you mean `{n}`?"))
+                    .unwrap_or_default()
+            ))
+        })?)
+    }
+
+    fn settings(&self, keep: &Keep) -> Result<Settings> {
+        let mut settings = super::settings(self.config.as_deref(), &[])?;
+        if self.instance > 0 {
+            settings.set_text(
+                "MAV_SYS_ID",
+                &(1 + self.instance).to_string(),
+                Origin::CommandLine,
+            )?;
+        }
+        if let Some(bytes) = keep
+            .read(DOCUMENTS[0])
+            .context("cannot read the stored parameters")?
+        {
+            let text = String::from_utf8_lossy(&bytes);
+            settings
+                .set_toml(&text, Origin::Stored)
+                .context("in the stored parameters (parameters.toml)")?;
+        }
+        super::apply_sets(&mut settings, &self.params)?;
+        Ok(settings)
+    }
+
+    /// World, vehicle and brain as the arguments describe them.
+    pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
+        let keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
+            format!(
+                "cannot make the state folder {}",
+                self.state_dir
+                    .as_deref()
+                    .unwrap_or_else(|| Path::new(""))
+                    .display()
+            )
+        })?;
+        let room = self.room()?;
+        let settings = self.settings(&keep)?;
+        let (pose, start) = match self.start {
+            None => (room.home(), Start::Known(room.home())),
+            Some(StartArg::At(pose)) => (pose, Start::Known(pose)),
+            Some(StartArg::Unknown) => (room.home(), Start::Unknown),
+        };
+        if !(1.0..=100.0).contains(&self.battery) {
+            return Err(Usage(format!("--battery {} is outside 1..=100", self.battery)).into());
+        }
+        let vehicle = VehicleConfig {
+            flow: self.flow == Switch::On,
+            charge: self.battery / 100.0,
+            ..VehicleConfig::new(pose, self.ring()?)
+        };
+        let sim = SimConfig {
+            vehicles: vec![vehicle],
+            people: self.person.iter().map(|p| p.0.clone()).collect(),
+            ..SimConfig::new(room, RingConfig::built_in("tof32")?, self.seed)
+        };
+        let mut documents = Vec::new();
+        for name in DOCUMENTS {
+            if let Some(bytes) = keep
+                .read(name)
+                .with_context(|| format!("cannot read {name}"))?
+            {
+                documents.push(Document { name, bytes });
+            }
+        }
+        let header = format!(
+            "kestrel {} room {} seed {}\n{}",
+            env!("CARGO_PKG_VERSION"),
+            self.room,
+            self.seed,
+            settings.to_toml(Origin::Default)
+        );
+        let mut lockstep = Lockstep::new(LockstepConfig {
+            sim,
+            start,
+            settings,
+            documents,
+        })?;
+        if let Some(path) = &self.truth {
+            lockstep.write_truth(
+                TruthFile::create(path)
+                    .with_context(|| format!("cannot write {}", path.display()))?,
+            );
+        }
+        if let Some(path) = &self.log {
+            lockstep.write_record(
+                Recorder::create(path, &header)
+                    .with_context(|| format!("cannot write {}", path.display()))?,
+            );
+        }
+        Ok((lockstep, keep))
+    }
+
+    /// Links as asked for; none named = the default set.
+    pub(crate) fn links(&self) -> Result<Links> {
+        let wanted: Vec<Wanted> = if self.mavlink.is_empty() {
+            DEFAULT_LINKS
+                .iter()
+                .map(|link| {
+                    let port = link.port + 10 * self.instance;
+                    let address = format!("127.0.0.1:{port}");
+                    Wanted {
+                        endpoint: (link.endpoint)(address),
+                        is_default: true,
+                    }
+                })
+                .collect()
+        } else {
+            parse_endpoints(&self.mavlink)?
+        };
+        Links::open(&wanted).map_err(|e| anyhow!(e))
+    }
+}
+
+/// Endpoints a user named.
+pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
+    urls.iter()
+        .map(|url| {
+            let endpoint: Endpoint = url
+                .parse()
+                .map_err(|e: bridge::io::endpoint::EndpointError| Usage(e.to_string()))?;
+            Ok(Wanted {
+                endpoint,
+                is_default: false,
+            })
+        })
+        .collect()
+}
+
+pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
+    let stop = Stop::listen()?;
+    let (lockstep, keep) = args.build()?;
+    let links = args.links()?;
+    let mut terminal = Terminal::new(args.quiet);
+    terminal.line(&format!(
+        "Kestrel {} in `{}`, seed {}, ring {}",
+        env!("CARGO_PKG_VERSION"),
+        args.room,
+        args.seed,
+        args.rangers
+    ));
+    for link in &links.described {
+        terminal.line(&format!("  MAVLink {link}"));
+    }
+    terminal.line(
+        "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
+    );
+    let speed = match args.speed.unwrap_or(Speed::Times(1.0)) {
+        Speed::Times(x) => Some(x),
+        Speed::Max => None,
+    };
+    Session {
+        lockstep,
+        links,
+        keep,
+        terminal,
+        stop,
+        speed,
+        shows_status: !args.headless,
+    }
+    .run()
+}

@@ -1,0 +1,228 @@
+//! MSP replies as samples in SI and our frames. The only place where MSP's units and signs are known.
+//!
+//! | MSP | Here |
+//! | --- | --- |
+//! | ATTITUDE roll 0.1 deg right +, pitch 0.1 deg nose DOWN +, yaw whole deg clockwise | rad, pitch nose up + |
+//! | RAW_IMU acc counts, forward left up | m/s2, forward right down: (x, -y, -z) |
+//! | RAW_IMU gyro counts, x roll right, y nose down, z counter-clockwise | rad/s: (x, -y, -z) |
+//! | ALTITUDE cm, cm/s | m, m/s, up + |
+//! | ANALOG, BATTERY_STATE 0.1 or 0.01 V, 0.01 A | V, A |
+//!
+//! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
+
+use core::time::Duration;
+use msp::firmware::Firmware;
+use msp::message::{Altitude, Analog, Attitude, BatteryState, RawImu};
+use vehicle::airframe::GRAVITY_MPS2;
+use vehicle::angle::wrap_pi;
+use vehicle::{AttitudeSample, BaroSample, BatterySample, ImuSample, In, Timestamp};
+
+/// Time a reply of the fast group spends on a 115200 baud line after it was sampled (about 30 bytes of 86.8 us).
+pub const REPLY_WIRE_TIME: Duration = Duration::from_micros(2_600);
+
+/// Accelerometer scales that flight controllers use, counts per g.
+const ACC_SCALES: [f64; 4] = [256.0, 512.0, 1024.0, 2048.0];
+/// Samples at rest averaged before the accelerometer's scale is trusted.
+const ACC_SCALE_SAMPLES: u32 = 20;
+
+/// The four letters a firmware calls itself, for telemetry.
+#[must_use]
+pub const fn four_letters(firmware: Firmware) -> [u8; 4] {
+    match firmware {
+        Firmware::Betaflight => *b"BTFL",
+        Firmware::Cleanflight => *b"CLFL",
+        Firmware::Inav => *b"INAV",
+        Firmware::MultiWii => *b"MWII",
+        Firmware::Other(letters) => letters,
+    }
+}
+
+/// Converts replies of one flight controller; learns the scale of its accelerometer at rest.
+#[derive(Clone, Debug)]
+pub struct Convert {
+    gyro_radps_per_count: f64,
+    acc_mps2_per_count: Option<f64>,
+    norm_sum: f64,
+    norm_samples: u32,
+}
+
+impl Convert {
+    /// For a firmware; where its accelerometer scale depends on the board, the norm at rest decides.
+    #[must_use]
+    pub fn new(firmware: Firmware) -> Self {
+        Self {
+            gyro_radps_per_count: (1.0 / firmware.gyro_counts_per_dps()).to_radians(),
+            acc_mps2_per_count: firmware.acc_counts_per_g().map(|c| GRAVITY_MPS2 / c),
+            norm_sum: 0.0,
+            norm_samples: 0,
+        }
+    }
+
+    /// Attitude as the controller's filter has it.
+    #[must_use]
+    pub fn attitude(&self, at: Timestamp, a: &Attitude) -> AttitudeSample {
+        AttitudeSample {
+            at,
+            roll_rad: (f64::from(a.roll_ddeg) * 0.1).to_radians(),
+            pitch_rad: -(f64::from(a.pitch_ddeg) * 0.1).to_radians(),
+            heading_rad: wrap_pi(f64::from(a.yaw_deg).to_radians()),
+        }
+    }
+
+    /// Inertial sample; none until the accelerometer's scale is known. `at_rest` allows learning it.
+    pub fn imu(&mut self, at: Timestamp, raw: &RawImu, at_rest: bool) -> Option<ImuSample> {
+        let [ax, ay, az] = raw.acc.map(f64::from);
+        let [gx, gy, gz] = raw.gyro.map(f64::from);
+        if self.acc_mps2_per_count.is_none() && at_rest {
+            self.learn_scale(libm::sqrt(ax * ax + ay * ay + az * az));
+        }
+        let acc = self.acc_mps2_per_count?;
+        let gyro = self.gyro_radps_per_count;
+        Some(ImuSample {
+            at,
+            accel_mps2: In::new(ax, -ay, -az) * acc,
+            gyro_radps: In::new(gx, -gy, -gz) * gyro,
+        })
+    }
+
+    fn learn_scale(&mut self, norm_counts: f64) {
+        self.norm_sum += norm_counts;
+        self.norm_samples += 1;
+        if self.norm_samples < ACC_SCALE_SAMPLES {
+            return;
+        }
+        let mean = self.norm_sum / f64::from(self.norm_samples);
+        (self.norm_sum, self.norm_samples) = (0.0, 0);
+        // Within 10 % of a known scale the known one is meant; anything else is no accelerometer at rest.
+        self.acc_mps2_per_count = ACC_SCALES
+            .iter()
+            .find(|s| (mean / **s - 1.0).abs() < 0.1)
+            .map(|s| GRAVITY_MPS2 / s);
+    }
+
+    /// Barometric altitude.
+    #[must_use]
+    pub fn baro(&self, at: Timestamp, a: &Altitude) -> BaroSample {
+        BaroSample {
+            at,
+            altitude_m: f64::from(a.altitude_cm) * 0.01,
+            climb_mps: f64::from(a.vario_cms) * 0.01,
+        }
+    }
+
+    /// Battery from the detailed message.
+    #[must_use]
+    pub fn battery(&self, at: Timestamp, b: &BatteryState) -> BatterySample {
+        let voltage_v = b
+            .vbat_cv
+            .map_or(f64::from(b.vbat_dv) * 0.1, |cv| f64::from(cv) * 0.01);
+        let used_mah = f64::from(b.drawn_mah);
+        let remaining = if b.cells == 0 {
+            None
+        } else if b.capacity_mah > 0 {
+            Some((1.0 - used_mah / f64::from(b.capacity_mah)).clamp(0.0, 1.0))
+        } else {
+            // Resting voltage of a lithium cell: 4.2 V full, 3.3 V empty.
+            Some(((voltage_v / f64::from(b.cells) - 3.3) / 0.9).clamp(0.0, 1.0))
+        };
+        BatterySample {
+            at,
+            voltage_v,
+            current_a: f64::from(b.current_ca) * 0.01,
+            used_mah,
+            cells: b.cells,
+            remaining,
+        }
+    }
+
+    /// Received signal strength, 0..=254.
+    #[must_use]
+    pub fn rssi(&self, a: &Analog) -> u8 {
+        (u32::from(a.rssi).min(1023) * 254 / 1023) as u8
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+
+    fn at_rest_scale(counts: i16) -> Option<f64> {
+        let mut c = Convert::new(Firmware::Betaflight);
+        let raw = RawImu {
+            acc: [0, 0, counts],
+            gyro: [0; 3],
+            mag: [0; 3],
+        };
+        (0..40)
+            .filter_map(|_| c.imu(Timestamp::ZERO, &raw, true))
+            .last()
+            .map(|s| s.accel_mps2.z())
+    }
+
+    #[test]
+    fn nose_down_of_the_controller_is_negative_pitch_here() {
+        let c = Convert::new(Firmware::Betaflight);
+        let s = c.attitude(
+            Timestamp::ZERO,
+            &Attitude {
+                roll_ddeg: 200,
+                pitch_ddeg: 150,
+                yaw_deg: 270,
+            },
+        );
+        assert_abs_diff_eq!(s.roll_rad.to_degrees(), 20.0, epsilon = 1e-9);
+        assert_abs_diff_eq!(s.pitch_rad.to_degrees(), -15.0, epsilon = 1e-9);
+        assert_abs_diff_eq!(s.heading_rad.to_degrees(), -90.0, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn one_g_is_recognised_on_every_known_board_and_nothing_else_is() {
+        for counts in [256, 500, 1024, 2100] {
+            assert_abs_diff_eq!(at_rest_scale(counts).unwrap(), -9.80665, epsilon = 0.5);
+        }
+        assert_eq!(at_rest_scale(700), None);
+    }
+
+    #[test]
+    fn gyro_of_betaflight_reads_30_degrees_per_second_at_491_counts() {
+        let mut c = Convert::new(Firmware::Betaflight);
+        let rest = RawImu {
+            acc: [0, 0, 2048],
+            gyro: [0; 3],
+            mag: [0; 3],
+        };
+        for _ in 0..40 {
+            c.imu(Timestamp::ZERO, &rest, true);
+        }
+        let turning = RawImu {
+            acc: [0, 0, 2048],
+            gyro: [491, 491, 491],
+            mag: [0; 3],
+        };
+        let s = c.imu(Timestamp::ZERO, &turning, false).unwrap();
+        let [x, y, z]: [f64; 3] = s.gyro_radps.into();
+        assert_abs_diff_eq!(x.to_degrees(), 29.94, epsilon = 0.01);
+        assert_abs_diff_eq!(y.to_degrees(), -29.94, epsilon = 0.01);
+        assert_abs_diff_eq!(z.to_degrees(), -29.94, epsilon = 0.01);
+    }
+
+    #[test]
+    fn every_count_the_wire_can_carry_gives_finite_values() {
+        let mut c = Convert::new(Firmware::Inav);
+        for v in [i16::MIN, -1, 0, 1, i16::MAX] {
+            let s = c
+                .imu(
+                    Timestamp::ZERO,
+                    &RawImu {
+                        acc: [v; 3],
+                        gyro: [v; 3],
+                        mag: [v; 3],
+                    },
+                    true,
+                )
+                .unwrap();
+            assert!(s.accel_mps2.is_finite() && s.gyro_radps.is_finite());
+        }
+    }
+}

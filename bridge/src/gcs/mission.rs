@@ -1,0 +1,699 @@
+//! The mission protocol: upload, download, clear, current item.
+//!
+//! | Message | Answer |
+//! | --- | --- |
+//! | MISSION_COUNT 44 | MISSION_REQUEST_INT 51 for each item (see [`upload`]), then MISSION_ACK 47; other stations meanwhile get DENIED |
+//! | MISSION_REQUEST_LIST 43 | MISSION_COUNT with the plan's id |
+//! | MISSION_REQUEST_INT 51, MISSION_REQUEST 40 | MISSION_ITEM_INT 73, MISSION_ITEM 39, from the list this station was told of |
+//! | MISSION_CLEAR_ALL 45, MISSION_COUNT 0 | MISSION_ACK |
+//! | MISSION_SET_CURRENT 41 | the vehicle is asked; a refusal becomes a text, a change shows in MISSION_CURRENT (telemetry) |
+//! | MISSION_WRITE_PARTIAL_LIST 38, MISSION_REQUEST_PARTIAL_LIST 37 | MISSION_ACK UNSUPPORTED |
+//!
+//! A plan is stored when it is complete, every item can be flown ([`planner::mission::check`]) and the vehicle has taken
+//! it; until then, and if anything fails, the old plan stays. Fence (type 1) and rally points (type 2) are always empty
+//! lists. Items are given back bit for bit as they came. The plan outlives the program as the document `mission.json`.
+
+mod document;
+mod plan;
+#[cfg(test)]
+mod tests;
+mod upload;
+
+pub use self::document::DOCUMENT;
+
+use self::upload::{Step, Upload};
+use super::telemetry::PlanIds;
+use super::{Context, Destination, Document, LinkId, Outbox, Peer};
+use crate::autopilot::door::{Answer, Event, Outcome, Request, RequestId, Severity};
+use arrayvec::ArrayVec;
+use core::time::Duration;
+use mavlink_dialect::mission_item::{MissionItem, mission_result, mission_type};
+use mavlink_dialect::{Address, Message, raw, standard};
+use planner::mission::{Plan, PlanFault, PlanRefusal};
+use planner::route::Router;
+use std::sync::Arc;
+use vehicle::Timestamp;
+
+/// Most items of a plan.
+pub const CAPACITY: u16 = 512;
+
+/// When the final MISSION_ACK of an upload is sent again, after the first time: it is the one message nobody asks for
+/// twice, and without it the station takes the whole upload for failed.
+const ACK_AGAIN: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(900)];
+/// Time the vehicle has to take a plan.
+const COMMIT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Stations whose download is remembered, and how long.
+const MAX_READERS: usize = 8;
+const READER_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// A plan as it came.
+#[derive(Debug, Default)]
+struct Stored {
+    items: Vec<MissionItem>,
+    /// Fingerprint of the items, 0 for no plan: `opaque_id` and MISSION_CURRENT.mission_id.
+    id: u32,
+}
+
+impl Stored {
+    fn new(items: Vec<MissionItem>) -> Self {
+        let id = fingerprint(&items);
+        Self { items, id }
+    }
+
+    fn count(&self) -> u16 {
+        // Never more than CAPACITY.
+        self.items.len() as u16
+    }
+}
+
+/// What is being done to the stored plan.
+#[derive(Debug)]
+enum Change {
+    /// Nothing.
+    None,
+    /// A station sends a new one.
+    Receiving(Upload),
+    /// The vehicle was asked to take the new one.
+    Committing(Commit),
+}
+
+#[derive(Debug)]
+struct Commit {
+    request: RequestId,
+    /// Who is waiting for the ACK; nobody when a stored plan is restored.
+    client: Option<Peer>,
+    /// As the station named it, for the ACK: CLEAR_ALL may have said "all".
+    mission_type: u8,
+    items: Vec<MissionItem>,
+    since: Timestamp,
+}
+
+/// A station that was sent the final ACK of an upload, and may not have got it: kept until it goes on, as the last item
+/// may come again at any time.
+#[derive(Debug)]
+struct Farewell {
+    client: Peer,
+    result: u8,
+    id: u32,
+    last_seq: u16,
+    at: Timestamp,
+    repeats: usize,
+}
+
+/// A station that is reading, and the list it was told of: a plan that changes meanwhile must not mix with it.
+#[derive(Debug)]
+struct Reader {
+    address: Address,
+    list: Arc<Stored>,
+    heard_at: Timestamp,
+}
+
+/// The mission service. After each call the outbox holds what follows from it.
+#[derive(Debug)]
+pub struct MissionService {
+    router: Option<Router>,
+    stored: Arc<Stored>,
+    change: Change,
+    farewell: Option<Farewell>,
+    readers: ArrayVec<Reader, MAX_READERS>,
+    /// MISSION_SET_CURRENT under way: a refusal becomes a text.
+    set_current: Option<RequestId>,
+}
+
+impl MissionService {
+    /// No plan yet. `router` knows the walls; without one places are not checked.
+    #[must_use]
+    pub fn new(router: Option<Router>) -> Self {
+        Self {
+            router,
+            stored: Arc::default(),
+            change: Change::None,
+            farewell: None,
+            readers: ArrayVec::new(),
+            set_current: None,
+        }
+    }
+
+    /// Fingerprints of the stored lists (`opaque_id`, MISSION_CURRENT.mission_id), 0 for an empty one.
+    #[must_use]
+    pub fn plan_ids(&self) -> PlanIds {
+        PlanIds {
+            mission: self.stored.id,
+            fence: 0,
+            rally: 0,
+        }
+    }
+
+    /// The stored items.
+    #[must_use]
+    pub fn items(&self) -> &[MissionItem] {
+        &self.stored.items
+    }
+
+    /// Takes the document of an earlier run: the plan is checked and offered to the vehicle as if it had been uploaded.
+    pub fn restore(&mut self, now: Timestamp, bytes: &[u8], ctx: &Context<'_>, out: &mut Outbox) {
+        let items = match document::parse(bytes) {
+            Ok(items) if items.is_empty() => return,
+            Ok(items) if items.len() <= usize::from(CAPACITY) => items,
+            Ok(items) => {
+                return out.text(
+                    Severity::Warning,
+                    format!("Stored mission of {} items dropped", items.len()),
+                );
+            }
+            Err(why) => {
+                return out.text(
+                    Severity::Warning,
+                    format!("Stored mission cannot be read: {why}"),
+                );
+            }
+        };
+        let refusal = match plan::plan(&items, ctx) {
+            Err((seq, fault)) => Some((seq, fault.to_string())),
+            Ok(plan) => match self.check(&plan, ctx) {
+                Err(PlanRefusal { seq, fault }) => Some((seq, fault.to_string())),
+                Ok(()) => {
+                    self.commit(now, None, mission_type::MISSION, items, plan, ctx, out);
+                    None
+                }
+            },
+        };
+        if let Some((seq, why)) = refusal {
+            out.text(
+                Severity::Warning,
+                format!("Stored mission dropped: item {seq}: {why}"),
+            );
+        }
+    }
+
+    /// Takes a message for us.
+    #[expect(deprecated, reason = "stations still send MISSION_SET_CURRENT")]
+    pub fn handle(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        message: &Message,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
+        let raw = match message {
+            Message::Standard(standard::MavMessage::MISSION_SET_CURRENT(m)) => {
+                self.set_current = Some(out.ask(from, Request::SetMissionItem(m.seq)));
+                return;
+            }
+            Message::Raw(raw) => raw,
+            Message::Standard(_) => return,
+        };
+        use raw::MavMessage as M;
+        if !matches!(raw, M::MISSION_ITEM_INT(_) | M::MISSION_ITEM(_)) && is_mission_message(raw) {
+            // Only items may still be on their way from an upload that is over: anything else shows that its ACK came.
+            self.farewell = self
+                .farewell
+                .take()
+                .filter(|f| f.client.address != from.address);
+        }
+        match raw {
+            M::MISSION_COUNT(m) => self.count(now, from, m.count, m.mission_type, ctx, out),
+            M::MISSION_ITEM_INT(m) if m.mission_type == mission_type::MISSION => {
+                self.item(now, from, MissionItem::from_int(m), ctx, out);
+            }
+            M::MISSION_ITEM(m) if m.mission_type == mission_type::MISSION => {
+                self.item(now, from, MissionItem::from_float(m), ctx, out);
+            }
+            M::MISSION_REQUEST_LIST(m) => self.list(now, from, m.mission_type, out),
+            M::MISSION_REQUEST_INT(m) => {
+                if let Some(item) = self.requested(now, from, m.seq, m.mission_type, out) {
+                    let reply = item.to_int(from.address.system, from.address.component);
+                    out.send_raw(Destination::All, M::MISSION_ITEM_INT(reply));
+                }
+            }
+            M::MISSION_REQUEST(m) => {
+                if let Some(item) = self.requested(now, from, m.seq, m.mission_type, out) {
+                    let reply = item.to_float(from.address.system, from.address.component);
+                    out.send_raw(Destination::All, M::MISSION_ITEM(reply));
+                }
+            }
+            M::MISSION_CLEAR_ALL(m) => self.clear(now, from, m.mission_type, ctx, out),
+            M::MISSION_ACK(m) if m.mavtype != mission_result::ACCEPTED => {
+                if matches!(&self.change, Change::Receiving(up) if up.client.address == from.address)
+                {
+                    out.text(Severity::Notice, "Mission upload cancelled by the station");
+                    self.change = Change::None;
+                }
+            }
+            M::MISSION_WRITE_PARTIAL_LIST(m) => {
+                out.text(
+                    Severity::Warning,
+                    "Mission: partial lists are not supported, send the whole plan",
+                );
+                ack(from, mission_result::UNSUPPORTED, m.mission_type, 0, out);
+            }
+            M::MISSION_REQUEST_PARTIAL_LIST(m) => {
+                ack(from, mission_result::UNSUPPORTED, m.mission_type, 0, out)
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes the time: questions asked again, ACKs repeated, silent stations given up.
+    pub fn tick(&mut self, now: Timestamp, _ctx: &Context<'_>, out: &mut Outbox) {
+        match &mut self.change {
+            Change::Receiving(upload) => match upload.tick(now) {
+                Step::Ask(seq) => ask_for(upload.client, seq, out),
+                Step::GaveUp => {
+                    let (got, count) = (upload.expected(), upload.count);
+                    out.text(
+                        Severity::Warning,
+                        format!("Mission upload abandoned at item {got} of {count}"),
+                    );
+                    self.change = Change::None;
+                }
+                Step::Wait | Step::Complete | Step::OutOfRange => {}
+            },
+            Change::Committing(commit) if now.since(commit.since) >= COMMIT_TIMEOUT => {
+                out.text(
+                    Severity::Error,
+                    "Mission refused: the vehicle does not answer",
+                );
+                if let Some(client) = commit.client {
+                    ack(client, mission_result::ERROR, commit.mission_type, 0, out);
+                }
+                self.change = Change::None;
+            }
+            Change::Committing(_) | Change::None => {}
+        }
+        if let Some(f) = &mut self.farewell
+            && ACK_AGAIN
+                .get(f.repeats)
+                .is_some_and(|after| now.since(f.at) >= *after)
+        {
+            ack(f.client, f.result, mission_type::MISSION, f.id, out);
+            f.repeats += 1;
+        }
+        self.readers
+            .retain(|r| now.since(r.heard_at) < READER_TIMEOUT);
+    }
+
+    /// Takes the vehicle's answer; true if it was ours.
+    pub fn answer(
+        &mut self,
+        now: Timestamp,
+        answer: &Answer,
+        _ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) -> bool {
+        if self.set_current == Some(answer.id) {
+            self.set_current = None;
+            if let Outcome::Refused(why) = answer.outcome {
+                out.text(Severity::Warning, format!("Mission item refused: {why}"));
+            }
+            return true;
+        }
+        match core::mem::replace(&mut self.change, Change::None) {
+            Change::Committing(commit) if commit.request == answer.id => {
+                self.committed(now, commit, answer.outcome, out)
+            }
+            other => {
+                self.change = other;
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Takes something that happened.
+    pub fn event(&mut self, event: &Event, out: &mut Outbox) {
+        if let Event::ItemReached(seq) = event {
+            let reached = standard::MISSION_ITEM_REACHED_DATA { seq: *seq };
+            out.send(
+                Destination::All,
+                standard::MavMessage::MISSION_ITEM_REACHED(reached),
+            );
+        }
+    }
+
+    fn count(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        count: u16,
+        mission_type: u8,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
+        match mission_type {
+            mission_type::MISSION => {}
+            mission_type::FENCE | mission_type::RALLY if count == 0 => {
+                return ack(from, mission_result::ACCEPTED, mission_type, 0, out);
+            }
+            _ => {
+                out.text(
+                    Severity::Warning,
+                    "Fence and rally points are not supported",
+                );
+                return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out);
+            }
+        }
+        if self.is_taken_by_another(from) {
+            return ack(from, mission_result::DENIED, mission_type, 0, out);
+        }
+        if count == 0 {
+            return self.clear(now, from, mission_type, ctx, out);
+        }
+        if count > CAPACITY {
+            out.text(
+                Severity::Warning,
+                format!("Mission of {count} items refused: at most {CAPACITY} fit"),
+            );
+            return ack(from, mission_result::NO_SPACE, mission_type, 0, out);
+        }
+        // A repeated count begins anew: items of two plans must not mix.
+        self.change = Change::Receiving(Upload::new(now, from, count));
+        ask_for(from, 0, out);
+    }
+
+    fn item(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        item: MissionItem,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
+        let upload = match &mut self.change {
+            Change::Receiving(upload) if upload.client.address == from.address => upload,
+            _ => {
+                if let Some(f) = &self.farewell
+                    && f.client.address == from.address
+                    && f.last_seq == item.seq
+                {
+                    ack(from, f.result, mission_type::MISSION, f.id, out);
+                }
+                return;
+            }
+        };
+        upload.client = from;
+        if item.seq == upload.expected()
+            && let Err(fault) = plan::plan_item(&item, ctx)
+        {
+            return self.refuse(now, from, item.seq, fault.mission_result(), &fault, out);
+        }
+        match upload.item(now, item) {
+            Step::Ask(seq) => ask_for(from, seq, out),
+            Step::Complete => self.complete(now, from, ctx, out),
+            Step::OutOfRange => {
+                let reason = format!("only {} items were announced", upload.count);
+                self.refuse(
+                    now,
+                    from,
+                    item.seq,
+                    mission_result::INVALID_SEQUENCE,
+                    &reason,
+                    out,
+                );
+            }
+            Step::Wait | Step::GaveUp => {}
+        }
+    }
+
+    /// All items are here: check the whole, then ask the vehicle to take it.
+    fn complete(&mut self, now: Timestamp, from: Peer, ctx: &Context<'_>, out: &mut Outbox) {
+        let Change::Receiving(upload) = core::mem::replace(&mut self.change, Change::None) else {
+            return;
+        };
+        match plan::plan(&upload.items, ctx) {
+            Err((seq, fault)) => self.refuse(now, from, seq, fault.mission_result(), &fault, out),
+            Ok(plan) => match self.check(&plan, ctx) {
+                Err(PlanRefusal { seq, fault }) => {
+                    self.refuse(now, from, seq, result_of(&fault), &fault, out)
+                }
+                Ok(()) => self.commit(
+                    now,
+                    Some(from),
+                    mission_type::MISSION,
+                    upload.items,
+                    plan,
+                    ctx,
+                    out,
+                ),
+            },
+        }
+    }
+
+    fn check(&mut self, plan: &Plan, ctx: &Context<'_>) -> Result<(), PlanRefusal> {
+        let Some(router) = &mut self.router else {
+            return Ok(());
+        };
+        router.set_params(&ctx.settings.planner);
+        let ceiling_m = ctx.settings.autopilot.ceiling_m;
+        planner::mission::check(plan, router, &ctx.anchor, ctx.snapshot.home, ceiling_m)
+    }
+
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one call site per way a plan can come"
+    )]
+    fn commit(
+        &mut self,
+        now: Timestamp,
+        client: Option<Peer>,
+        mission_type: u8,
+        items: Vec<MissionItem>,
+        plan: Plan,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
+        let from = client.unwrap_or(Peer {
+            link: LinkId(0),
+            address: ctx.us,
+        });
+        let request = out.ask(from, Request::SetPlan(Arc::new(plan)));
+        self.change = Change::Committing(Commit {
+            request,
+            client,
+            mission_type,
+            items,
+            since: now,
+        });
+    }
+
+    fn committed(&mut self, now: Timestamp, commit: Commit, outcome: Outcome, out: &mut Outbox) {
+        let Commit {
+            client,
+            mission_type,
+            items,
+            ..
+        } = commit;
+        let last_seq = items.last().map(|i| i.seq);
+        let (result, id) = match outcome {
+            Outcome::Refused(why) => {
+                out.text(Severity::Warning, format!("Mission refused: {why}"));
+                (mission_result::DENIED, 0)
+            }
+            Outcome::Accepted | Outcome::KeyTaken(_) => {
+                self.stored = Arc::new(Stored::new(items));
+                out.documents.push_back(Document {
+                    name: DOCUMENT,
+                    bytes: document::write(&self.stored.items),
+                });
+                out.text(
+                    Severity::Info,
+                    format!("Mission of {} items stored", self.stored.count()),
+                );
+                (mission_result::ACCEPTED, self.stored.id)
+            }
+        };
+        let Some(client) = client else { return };
+        ack(client, result, mission_type, id, out);
+        self.farewell = last_seq.map(|last_seq| Farewell {
+            client,
+            result,
+            id,
+            last_seq,
+            at: now,
+            repeats: 0,
+        });
+    }
+
+    /// Drops the upload with a reason; the old plan stays.
+    fn refuse(
+        &mut self,
+        now: Timestamp,
+        client: Peer,
+        seq: u16,
+        result: u8,
+        why: &dyn core::fmt::Display,
+        out: &mut Outbox,
+    ) {
+        out.text(
+            Severity::Warning,
+            format!("Mission refused: item {seq}: {why}"),
+        );
+        ack(client, result, mission_type::MISSION, 0, out);
+        self.farewell = Some(Farewell {
+            client,
+            result,
+            id: 0,
+            last_seq: seq,
+            at: now,
+            repeats: 0,
+        });
+        self.change = Change::None;
+    }
+
+    fn clear(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        mission_type: u8,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
+        match mission_type {
+            mission_type::MISSION | mission_type::ALL => {}
+            mission_type::FENCE | mission_type::RALLY => {
+                return ack(from, mission_result::ACCEPTED, mission_type, 0, out);
+            }
+            _ => return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out),
+        }
+        if self.is_taken_by_another(from) {
+            return ack(from, mission_result::DENIED, mission_type, 0, out);
+        }
+        self.commit(
+            now,
+            Some(from),
+            mission_type,
+            Vec::new(),
+            Plan::default(),
+            ctx,
+            out,
+        );
+    }
+
+    fn list(&mut self, now: Timestamp, from: Peer, mission_type: u8, out: &mut Outbox) {
+        let (count, id) = match mission_type {
+            mission_type::MISSION => {
+                self.readers.retain(|r| r.address != from.address);
+                if self.readers.is_full() {
+                    self.readers.remove(0);
+                }
+                self.readers.push(Reader {
+                    address: from.address,
+                    list: Arc::clone(&self.stored),
+                    heard_at: now,
+                });
+                (self.stored.count(), self.stored.id)
+            }
+            mission_type::FENCE | mission_type::RALLY => (0, 0),
+            _ => return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out),
+        };
+        let Address { system, component } = from.address;
+        let reply = raw::MISSION_COUNT_DATA {
+            count,
+            target_system: system,
+            target_component: component,
+            mission_type,
+            opaque_id: id,
+        };
+        out.send_raw(Destination::All, raw::MavMessage::MISSION_COUNT(reply));
+    }
+
+    /// The item a station asks for; without it an ACK that says so is on its way.
+    fn requested(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        seq: u16,
+        mission_type: u8,
+        out: &mut Outbox,
+    ) -> Option<MissionItem> {
+        let mut item = None;
+        if mission_type == mission_type::MISSION {
+            let reader = self.readers.iter_mut().find(|r| r.address == from.address);
+            let list = match reader {
+                Some(reader) => {
+                    reader.heard_at = now;
+                    &reader.list
+                }
+                None => &self.stored,
+            };
+            item = list.items.get(usize::from(seq)).copied();
+        }
+        if item.is_none() {
+            ack(from, mission_result::INVALID_SEQUENCE, mission_type, 0, out);
+        }
+        item
+    }
+
+    fn is_taken_by_another(&self, from: Peer) -> bool {
+        match &self.change {
+            Change::None => false,
+            Change::Receiving(upload) => upload.client.address != from.address,
+            Change::Committing(commit) => commit.client.is_none_or(|c| c.address != from.address),
+        }
+    }
+}
+
+const fn is_mission_message(m: &raw::MavMessage) -> bool {
+    use raw::MavMessage as M;
+    matches!(
+        m,
+        M::MISSION_COUNT(_)
+            | M::MISSION_REQUEST_LIST(_)
+            | M::MISSION_REQUEST_INT(_)
+            | M::MISSION_REQUEST(_)
+            | M::MISSION_CLEAR_ALL(_)
+            | M::MISSION_ACK(_)
+    )
+}
+
+fn ask_for(client: Peer, seq: u16, out: &mut Outbox) {
+    let Address { system, component } = client.address;
+    let request = raw::MISSION_REQUEST_INT_DATA {
+        seq,
+        target_system: system,
+        target_component: component,
+        mission_type: mission_type::MISSION,
+    };
+    out.send_raw(
+        Destination::All,
+        raw::MavMessage::MISSION_REQUEST_INT(request),
+    );
+}
+
+fn ack(client: Peer, result: u8, mission_type: u8, id: u32, out: &mut Outbox) {
+    let Address { system, component } = client.address;
+    let ack = raw::MISSION_ACK_DATA {
+        target_system: system,
+        target_component: component,
+        mavtype: result,
+        mission_type,
+        opaque_id: id,
+    };
+    out.send_raw(Destination::All, raw::MavMessage::MISSION_ACK(ack));
+}
+
+/// Code for MISSION_ACK of what the planner found.
+const fn result_of(fault: &PlanFault) -> u8 {
+    match fault {
+        PlanFault::Empty | PlanFault::Number(_) => mission_result::INVALID,
+        PlanFault::TooLong(_) => mission_result::NO_SPACE,
+        PlanFault::NoSuchItem(_) => mission_result::INVALID_PARAM1,
+        PlanFault::Height { .. } => mission_result::INVALID_PARAM7,
+        PlanFault::Place(_) => mission_result::INVALID_PARAM5_X,
+    }
+}
+
+/// FNV-1a over the items, never 0 for a plan with items: 0 says "no plan".
+fn fingerprint(items: &[MissionItem]) -> u32 {
+    if items.is_empty() {
+        return 0;
+    }
+    let hash = items
+        .iter()
+        .flat_map(MissionItem::bytes)
+        .fold(0x811C_9DC5_u32, |hash, byte| {
+            (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+        });
+    hash.max(1)
+}

@@ -1,0 +1,158 @@
+//! Towards the ground: one MAVLink service per file, each a pure state machine.
+//!
+//! A service is a struct with `handle(now, from, &message, &Context, &mut Outbox)` for messages addressed to us, and
+//! where it has timers `tick(now, &Context, &mut Outbox)`. It sends by [`Outbox::send`], asks the vehicle by
+//! [`Outbox::ask`], and keeps what it must remember to answer.
+//!
+//! | Module | Holds |
+//! | --- | --- |
+//! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
+//! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
+//! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
+//! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
+//! | [`out_queue`] | what waits to be sent, bounded |
+
+#[cfg(test)]
+mod bench;
+pub mod command;
+pub mod convert;
+pub mod ftp;
+pub mod heartbeat;
+pub mod keys;
+pub mod log_transfer;
+pub mod manual;
+pub mod mission;
+pub mod origin;
+pub mod out_queue;
+pub mod params;
+mod place;
+pub mod router;
+pub mod setpoint;
+pub mod telemetry;
+pub mod text;
+pub mod time_sync;
+
+use crate::autopilot::door::{Asked, Request, RequestId, Severity, Snapshot, Station};
+use crate::settings::Settings;
+use mavlink_dialect::{Address, Message, raw, standard};
+use std::collections::VecDeque;
+use vehicle::MapAnchor;
+
+/// Most links at once.
+pub const MAX_LINKS: usize = 32;
+
+/// A link of the shell: a socket peer, a TCP client, a serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LinkId(pub u32);
+
+/// Where a message came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Peer {
+    /// On which link it came.
+    pub link: LinkId,
+    /// Who sent it.
+    pub address: Address,
+}
+
+impl Peer {
+    /// The sender as the door knows it.
+    #[must_use]
+    pub const fn station(&self) -> Station {
+        Station {
+            system: self.address.system,
+            component: self.address.component,
+        }
+    }
+}
+
+/// What services may look at.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    /// The vehicle now.
+    pub snapshot: &'a Snapshot,
+    /// All parameters.
+    pub settings: &'a Settings,
+    /// How the plan lies in the world.
+    pub anchor: MapAnchor,
+    /// Our own address (autopilot component).
+    pub us: Address,
+    /// UTC microseconds at boot, for messages that carry wall time (virtual flights start at a fixed date).
+    pub boot_utc_us: u64,
+}
+
+/// Where a message goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Destination {
+    /// Every link: telemetry, and replies too (stations filter by target).
+    All,
+    /// One link.
+    Link(LinkId),
+}
+
+/// A message on its way out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outgoing {
+    /// Where to.
+    pub to: Destination,
+    /// What.
+    pub message: Message,
+}
+
+/// A document to keep on disk, by file name; the shell writes it atomically.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Document {
+    /// File name in the state folder.
+    pub name: &'static str,
+    /// Content.
+    pub bytes: Vec<u8>,
+}
+
+/// What services produce; drained by `Ground` after each call.
+#[derive(Debug, Default)]
+pub struct Outbox {
+    /// Messages to send.
+    pub messages: VecDeque<Outgoing>,
+    /// Requests to the vehicle.
+    pub requests: VecDeque<Asked>,
+    /// Texts to show to every pilot.
+    pub texts: VecDeque<(Severity, String)>,
+    /// Documents to keep.
+    pub documents: VecDeque<Document>,
+    next_request: u32,
+}
+
+impl Outbox {
+    /// Sends a standard message.
+    pub fn send(&mut self, to: Destination, message: standard::MavMessage) {
+        self.messages.push_back(Outgoing {
+            to,
+            message: Message::Standard(message),
+        });
+    }
+
+    /// Sends a raw twin.
+    pub fn send_raw(&mut self, to: Destination, message: raw::MavMessage) {
+        self.messages.push_back(Outgoing {
+            to,
+            message: Message::Raw(message),
+        });
+    }
+
+    /// Asks the vehicle; the answer comes back with this id.
+    pub fn ask(&mut self, from: Peer, request: Request) -> RequestId {
+        self.next_request = self.next_request.wrapping_add(1);
+        let id = RequestId(self.next_request);
+        self.requests.push_back(Asked {
+            id,
+            station: from.station(),
+            request,
+        });
+        id
+    }
+
+    /// Tells every pilot (STATUSTEXT).
+    pub fn text(&mut self, severity: Severity, text: impl Into<String>) {
+        self.texts.push_back((severity, text.into()));
+    }
+}

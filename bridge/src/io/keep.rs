@@ -1,0 +1,89 @@
+//! Documents on disk (parameters, plans), written so that a power cut leaves the old or the new one, never a torn one.
+
+use crate::gcs::Document;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// A folder of documents, or nowhere.
+#[derive(Clone, Debug)]
+pub struct Keep {
+    folder: Option<PathBuf>,
+}
+
+impl Keep {
+    /// Documents are kept in a folder (made if it is not there), or forgotten.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn in_folder(folder: Option<&Path>) -> io::Result<Self> {
+        if let Some(folder) = folder {
+            fs::create_dir_all(folder)?;
+        }
+        Ok(Self {
+            folder: folder.map(Path::to_owned),
+        })
+    }
+
+    /// Writes a document: a new file, flushed, then renamed over the old one.
+    ///
+    /// # Errors
+    /// The disk says no; the old document is still there.
+    pub fn write(&self, document: &Document) -> io::Result<()> {
+        let Some(folder) = &self.folder else {
+            return Ok(());
+        };
+        let path = folder.join(document.name);
+        let fresh = folder.join(format!("{}.new", document.name));
+        let mut file = File::create(&fresh)?;
+        file.write_all(&document.bytes)?;
+        file.sync_all()?;
+        fs::rename(&fresh, &path)?;
+        // The rename itself must reach the disk too.
+        File::open(folder)?.sync_all()
+    }
+
+    /// Reads a document, if there is one.
+    ///
+    /// # Errors
+    /// It is there and cannot be read.
+    pub fn read(&self, name: &str) -> io::Result<Option<Vec<u8>>> {
+        let Some(folder) = &self.folder else {
+            return Ok(None);
+        };
+        match fs::read(folder.join(name)) {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_document_is_replaced_whole() {
+        let folder = std::env::temp_dir().join(format!("kestrel-keep-{}", std::process::id()));
+        let keep = Keep::in_folder(Some(&folder)).unwrap();
+        assert_eq!(keep.read("a.toml").unwrap(), None);
+        for text in ["first", "second, longer"] {
+            keep.write(&Document {
+                name: "a.toml",
+                bytes: text.as_bytes().to_vec(),
+            })
+            .unwrap();
+            assert_eq!(keep.read("a.toml").unwrap().unwrap(), text.as_bytes());
+        }
+        fs::remove_dir_all(&folder).unwrap();
+        let nowhere = Keep::in_folder(None).unwrap();
+        nowhere
+            .write(&Document {
+                name: "a.toml",
+                bytes: vec![1],
+            })
+            .unwrap();
+        assert_eq!(nowhere.read("a.toml").unwrap(), None);
+    }
+}

@@ -1,0 +1,291 @@
+//! Simulator, `Flight` and `Ground` stepped in one thread, in fixed order, a millisecond at a time.
+//!
+//! The same struct flies in real time behind sockets, in virtual time inside tests, and as fast as it can in `demo`:
+//! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
+
+use super::record::Recorder;
+use super::truth::{Row, TruthFile};
+use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::flight::{Flight, FlightConfig, Start};
+use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
+use crate::autopilot::io::{FcBytes, Input, Output};
+use crate::gcs::{Document, LinkId};
+use crate::settings::Settings;
+use estimator::SearchRequest;
+use mavlink_dialect::{Address, FrameBytes};
+use sim::{SimConfig, SimError, SimOutput, Simulator};
+use std::collections::VecDeque;
+use std::io;
+use std::time::Duration;
+use vehicle::{Pace, Timestamp};
+
+/// A job comes back after this much virtual time: about what a Raspberry Pi needs for a search.
+const JOB_DELAY: Duration = Duration::from_millis(500);
+/// Rows of the truth file a second.
+const TRUTH_HZ: f64 = 50.0;
+
+/// What a lockstep flight is made from.
+#[derive(Clone, Debug)]
+pub struct LockstepConfig {
+    /// World and vehicle.
+    pub sim: SimConfig,
+    /// Where the vehicle believes to start.
+    pub start: Start,
+    /// Parameters.
+    pub settings: Settings,
+    /// Stored mission and the like, read before start.
+    pub documents: Vec<Document>,
+}
+
+/// What leaves the lockstep.
+#[derive(Debug)]
+pub enum Outgoing {
+    /// A frame for a link.
+    Frame(LinkId, FrameBytes),
+    /// A document to keep.
+    Keep(Document),
+}
+
+/// A simulated vehicle with its brain.
+pub struct Lockstep {
+    /// The world.
+    pub simulator: Simulator,
+    /// The vehicle's brain.
+    pub flight: Flight,
+    /// Its MAVLink side.
+    pub ground: Ground,
+    now: Timestamp,
+    jobs: VecDeque<(Timestamp, SearchRequest)>,
+    inputs: VecDeque<Input>,
+    outgoing: VecDeque<Outgoing>,
+    truth: Option<TruthFile>,
+    truth_pace: Pace,
+    recorder: Option<Recorder>,
+    ticks_seen: u64,
+    /// First failure of a file being written; flying goes on.
+    pub write_error: Option<io::Error>,
+}
+
+impl Lockstep {
+    /// At time zero, vehicle on the floor.
+    ///
+    /// # Errors
+    /// [`SimError`]: the vehicle would start in a wall, a ring is wrong ...
+    pub fn new(config: LockstepConfig) -> Result<Self, SimError> {
+        let LockstepConfig {
+            sim,
+            start,
+            settings,
+            documents,
+        } = config;
+        let now = Timestamp::ZERO;
+        let plan = std::sync::Arc::clone(sim.room.floor_plan());
+        let ring = sim
+            .vehicles
+            .first()
+            .ok_or(SimError::NoVehicle)?
+            .ring
+            .clone();
+        let (airframe, seed) = (sim.airframe, sim.seed);
+        let simulator = Simulator::new(sim)?;
+        let ground = Ground::new(GroundConfig {
+            us: our_address(&settings),
+            settings: settings.clone(),
+            anchor: plan.anchor(),
+            plan: std::sync::Arc::clone(&plan),
+            airframe,
+            boot_utc_us: super::clock::VIRTUAL_BOOT_UTC_US,
+            documents,
+        });
+        let flight = Flight::new(
+            now,
+            FlightConfig {
+                plan,
+                ring,
+                airframe,
+                start,
+                settings,
+                seed,
+            },
+        );
+        let mut this = Self {
+            simulator,
+            flight,
+            ground,
+            now,
+            jobs: VecDeque::new(),
+            inputs: VecDeque::new(),
+            outgoing: VecDeque::new(),
+            truth: None,
+            truth_pace: Pace::hz(TRUTH_HZ),
+            recorder: None,
+            ticks_seen: 0,
+            write_error: None,
+        };
+        this.feed(Input::FcOpened);
+        Ok(this)
+    }
+
+    /// Writes truth beside estimate from now on.
+    pub fn write_truth(&mut self, file: TruthFile) {
+        self.truth = Some(file);
+    }
+
+    /// Writes every input of `Flight` from now on.
+    pub fn write_record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
+    /// Virtual time.
+    #[must_use]
+    pub const fn now(&self) -> Timestamp {
+        self.now
+    }
+
+    /// The newest snapshot.
+    #[must_use]
+    pub const fn snapshot(&self) -> &Snapshot {
+        self.flight.snapshot()
+    }
+
+    /// A link of the shell is there.
+    pub fn link_up(&mut self, link: LinkId) {
+        self.ground.link_up(self.now, link);
+        self.drain_ground();
+    }
+
+    /// A link of the shell is gone.
+    pub fn link_down(&mut self, link: LinkId) {
+        self.ground.link_down(link);
+        self.drain_ground();
+    }
+
+    /// Bytes of a link.
+    pub fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool) {
+        self.ground.receive(self.now, link, bytes, is_datagram);
+        self.drain_ground();
+    }
+
+    /// Asks the vehicle to come down and end.
+    pub fn shut_down(&mut self) {
+        let asked = Asked {
+            id: RequestId(0),
+            station: Station::default(),
+            request: Request::ShutDown,
+        };
+        self.feed(Input::Asked(asked));
+    }
+
+    /// The next thing for the shell, if any.
+    pub fn poll(&mut self) -> Option<Outgoing> {
+        self.outgoing.pop_front()
+    }
+
+    /// Lets virtual time pass.
+    pub fn advance(&mut self, until: Timestamp) {
+        while self.now < until {
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
+        let now = self.now + sim::STEP;
+        self.now = now;
+        let inputs = &mut self.inputs;
+        self.simulator.advance(now, &mut |vehicle, output| {
+            if vehicle == 0 {
+                push_inputs(inputs, output);
+            }
+        });
+        while let Some(input) = self.inputs.pop_front() {
+            self.feed(input);
+        }
+        if let Some((_, job)) = self.jobs.pop_front_if(|(at, _)| *at <= now) {
+            self.feed(Input::JobDone(estimator::search(&job)));
+        }
+        if self.flight.deadline() <= now {
+            self.feed(Input::Wake);
+        }
+        let ticks = self.flight.snapshot().flight_loop.ticks;
+        if ticks != self.ticks_seen {
+            self.ticks_seen = ticks;
+            self.ground.snapshot(now, self.flight.snapshot());
+        }
+        if self.ground.deadline() <= now {
+            self.ground.tick(now);
+        }
+        self.drain_ground();
+        if self.truth_pace.is_due(now)
+            && let Some(truth) = &mut self.truth
+        {
+            let row = Row::take(now, &self.simulator, 0, self.flight.snapshot());
+            keep_first(&mut self.write_error, truth.write(&row));
+        }
+    }
+
+    /// Gives `Flight` an input and carries out what it wants.
+    fn feed(&mut self, input: Input) {
+        if let Some(recorder) = &mut self.recorder {
+            keep_first(&mut self.write_error, recorder.write(self.now, &input));
+        }
+        self.flight.handle(self.now, input);
+        while let Some(output) = self.flight.poll() {
+            match output {
+                Output::Fc(bytes) => self.simulator.write_fc(0, &bytes),
+                Output::Answer(answer) => self.ground.answer(self.now, &answer),
+                Output::Event(event) => self.ground.event(self.now, &event),
+                Output::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),
+            }
+        }
+    }
+
+    fn drain_ground(&mut self) {
+        while let Some(output) = self.ground.poll() {
+            match output {
+                GroundOutput::Send { link, bytes } => {
+                    self.outgoing.push_back(Outgoing::Frame(link, bytes))
+                }
+                GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
+                GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
+            }
+        }
+    }
+
+    /// Writes what is buffered.
+    pub fn flush(&mut self) {
+        if let Some(truth) = &mut self.truth {
+            keep_first(&mut self.write_error, truth.flush());
+        }
+        if let Some(recorder) = &mut self.recorder {
+            keep_first(&mut self.write_error, recorder.flush());
+        }
+    }
+}
+
+/// System id of the parameter, autopilot component.
+#[must_use]
+pub fn our_address(settings: &Settings) -> Address {
+    Address {
+        system: settings.ground.system_id.clamp(1, 250) as u8,
+        component: 1,
+    }
+}
+
+fn keep_first(slot: &mut Option<io::Error>, result: io::Result<()>) {
+    if let Err(e) = result {
+        slot.get_or_insert(e);
+    }
+}
+
+fn push_inputs(inputs: &mut VecDeque<Input>, output: SimOutput) {
+    match output {
+        SimOutput::FcBytes { bytes, .. } => {
+            for chunk in bytes.chunks(FcBytes::new_const().capacity()) {
+                inputs.push_back(Input::Fc(chunk.iter().copied().collect()));
+            }
+        }
+        SimOutput::Ranger(reading) => inputs.push_back(Input::Ranger(reading)),
+        SimOutput::DownRange(sample) => inputs.push_back(Input::DownRange(sample)),
+        SimOutput::Flow(sample) => inputs.push_back(Input::Flow(sample)),
+    }
+}

@@ -1,0 +1,21 @@
+//! The shell: the only place that knows threads, sockets, serial ports and clocks.
+//!
+//! | File | Does |
+//! | --- | --- |
+//! | [`endpoint`] | endpoint URLs: `udpserver://host:port`, `serial:///dev/ttyAMA0?baudrate=115200` ... |
+//! | [`net`] | MAVLink links on a thread of their own; bytes in, bytes out, bounded queues |
+//! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
+//! | [`flight_thread`] | the thread that owns the real flight controller's line |
+//! | [`clock`] | the only reader of the clock |
+//! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
+//! | [`record`] | the flight log: every input of `Flight` |
+//! | [`keep`] | documents on disk, written atomically |
+
+pub mod clock;
+pub mod endpoint;
+pub mod flight_thread;
+pub mod keep;
+pub mod lockstep;
+pub mod net;
+pub mod record;
+pub mod truth;

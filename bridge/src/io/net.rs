@@ -1,0 +1,473 @@
+//! MAVLink links on a thread of their own: bytes in, bytes out, through bounded queues.
+//!
+//! Every UDP peer, TCP connection and serial port is a link. Datagrams of a peer that was not heard before make a link;
+//! after [`PEER_SILENT`] without one the link is gone. The thread ends when the [`Links`] handle is dropped.
+
+use super::endpoint::Endpoint;
+use crate::gcs::LinkId;
+use mavlink_dialect::FrameBytes;
+use std::collections::BTreeMap;
+use std::io;
+use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::mpsc as std_mpsc;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream, UdpSocket};
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+use tokio_serial::SerialPortBuilderExt as _;
+
+/// A UDP peer silent for this long is forgotten.
+pub const PEER_SILENT: Duration = Duration::from_secs(20);
+/// Peers of one UDP socket at most: a flood of invented addresses costs them, not us.
+const MAX_PEERS: usize = 16;
+/// Messages that wait for the core at most; more are dropped and counted.
+const TO_CORE: usize = 1024;
+/// Frames that wait for one link at most; more are dropped (telemetry is sent again anyway).
+const TO_LINK: usize = 1024;
+/// Pause before a lost TCP or serial peer is tried again.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// What the links tell the core.
+#[derive(Clone, Debug)]
+pub enum LinkEvent {
+    /// A link is there.
+    Up(LinkId),
+    /// A link is gone.
+    Down(LinkId),
+    /// Bytes came.
+    Bytes {
+        /// From which link.
+        link: LinkId,
+        /// What.
+        bytes: Vec<u8>,
+        /// One datagram, complete in itself.
+        is_datagram: bool,
+    },
+}
+
+/// Why a link could not be opened.
+#[derive(Debug, Error)]
+pub enum OpenError {
+    /// Address not known.
+    #[error("{endpoint}: cannot find that address: {source}")]
+    Address {
+        /// Asked for.
+        endpoint: Endpoint,
+        /// Reason.
+        source: io::Error,
+    },
+    /// Port taken or not allowed.
+    #[error("{endpoint}: {source}{}", if source.kind() == io::ErrorKind::AddrInUse { ": stop the other program or name another port" } else { "" })]
+    Bind {
+        /// Asked for.
+        endpoint: Endpoint,
+        /// Reason.
+        source: io::Error,
+    },
+    /// The network thread could not be started.
+    #[error("cannot start the network thread: {0}")]
+    Thread(io::Error),
+}
+
+/// A set of open links; dropping it closes them.
+#[derive(Debug)]
+pub struct Links {
+    events: std_mpsc::Receiver<LinkEvent>,
+    outgoing: mpsc::Sender<(LinkId, FrameBytes)>,
+    dropped: Arc<AtomicU64>,
+    /// What was opened, for people.
+    pub described: Vec<String>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+/// One endpoint to open.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// Where.
+    pub endpoint: Endpoint,
+    /// A default: if its port is taken, the next free one is used.
+    pub is_default: bool,
+}
+
+/// A socket bound before the thread starts, so that errors reach the user at once.
+enum Bound {
+    UdpServer(std::net::UdpSocket),
+    UdpClient(std::net::UdpSocket, SocketAddr),
+    TcpServer(std::net::TcpListener),
+    TcpClient(String),
+    Serial { device: String, baud: u32 },
+}
+
+impl Links {
+    /// Opens all endpoints.
+    ///
+    /// # Errors
+    /// [`OpenError`] names the endpoint and what to do.
+    pub fn open(wanted: &[Wanted]) -> Result<Self, OpenError> {
+        let mut bound = Vec::new();
+        let mut described = Vec::new();
+        for w in wanted {
+            let (b, text) = bind(w)?;
+            bound.push(b);
+            described.push(text);
+        }
+        let (to_core, events) = std_mpsc::sync_channel(TO_CORE);
+        let (outgoing, mut from_core) = mpsc::channel::<(LinkId, FrameBytes)>(4 * TO_LINK);
+        let dropped = Arc::new(AtomicU64::new(0));
+        let hub = Hub {
+            to_core,
+            dropped: Arc::clone(&dropped),
+            next_link: Arc::new(AtomicU32::new(1)),
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(OpenError::Thread)?;
+        let thread = std::thread::Builder::new()
+            .name("links".to_owned())
+            .spawn(move || {
+                runtime.block_on(async move {
+                    let (register, mut registered) = mpsc::channel(64);
+                    for b in bound {
+                        serve(b, &hub, &register);
+                    }
+                    // Keeps the table of links; ends when the handle is dropped.
+                    let mut senders: BTreeMap<LinkId, mpsc::Sender<FrameBytes>> = BTreeMap::new();
+                    loop {
+                        tokio::select! {
+                            new = registered.recv() => match new {
+                                Some((id, Some(sender))) => { senders.insert(id, sender); hub.tell(LinkEvent::Up(id)); }
+                                Some((id, None)) => { senders.remove(&id); hub.tell(LinkEvent::Down(id)); }
+                                None => break,
+                            },
+                            out = from_core.recv() => match out {
+                                Some((id, frame)) => {
+                                    if let Some(sender) = senders.get(&id)
+                                        && sender.try_send(frame).is_err() {
+                                        hub.dropped.fetch_add(1, Ordering::Relaxed);
+                                    }
+                                }
+                                None => break,
+                            },
+                        }
+                    }
+                    // Let what was just queued reach the sockets.
+                    drop(senders);
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                });
+            })
+            .map_err(OpenError::Thread)?;
+        Ok(Self {
+            events,
+            outgoing,
+            dropped,
+            described,
+            thread: Some(thread),
+        })
+    }
+
+    /// The next thing that happened, without waiting.
+    #[must_use]
+    pub fn poll(&self) -> Option<LinkEvent> {
+        self.events.try_recv().ok()
+    }
+
+    /// The next thing that happens within a time.
+    #[must_use]
+    pub fn wait(&self, at_most: Duration) -> Option<LinkEvent> {
+        self.events.recv_timeout(at_most).ok()
+    }
+
+    /// Sends a frame; dropped and counted if the network thread is behind.
+    pub fn send(&self, link: LinkId, frame: FrameBytes) {
+        if self.outgoing.try_send((link, frame)).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Frames and datagrams dropped because a queue was full.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Links {
+    fn drop(&mut self) {
+        // Closing the channel ends the thread's loop.
+        let (closed, _) = mpsc::channel(1);
+        self.outgoing = closed;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
+    let endpoint = &w.endpoint;
+    let resolve = |text: &str| -> Result<SocketAddr, OpenError> {
+        let address = |source| OpenError::Address {
+            endpoint: endpoint.clone(),
+            source,
+        };
+        let mut found = text.to_socket_addrs().map_err(address)?;
+        found
+            .next()
+            .ok_or_else(|| address(io::Error::from(io::ErrorKind::NotFound)))
+    };
+    let failed = |source| OpenError::Bind {
+        endpoint: endpoint.clone(),
+        source,
+    };
+    // A default port in use gives the next free one; a named one is an error.
+    let tries = if w.is_default { 32 } else { 1 };
+    match endpoint {
+        Endpoint::UdpServer(a) => {
+            let (socket, at) =
+                next_free(resolve(a)?, tries, std::net::UdpSocket::bind).map_err(failed)?;
+            Ok((Bound::UdpServer(socket), format!("udpserver://{at}")))
+        }
+        Endpoint::TcpServer(a) => {
+            let (socket, at) =
+                next_free(resolve(a)?, tries, std::net::TcpListener::bind).map_err(failed)?;
+            Ok((Bound::TcpServer(socket), format!("tcpserver://{at}")))
+        }
+        Endpoint::UdpClient(a) => {
+            let to = resolve(a)?;
+            let any: SocketAddr = if to.is_ipv4() {
+                ([0, 0, 0, 0], 0).into()
+            } else {
+                ([0u16; 8], 0).into()
+            };
+            let socket = std::net::UdpSocket::bind(any).map_err(failed)?;
+            Ok((Bound::UdpClient(socket, to), format!("udpclient://{to}")))
+        }
+        Endpoint::TcpClient(a) => Ok((Bound::TcpClient(a.clone()), endpoint.to_string())),
+        Endpoint::Serial { device, baud } => {
+            // Opened once here so that a wrong name is told at once; the thread opens it for good.
+            tokio_serial::new(device, *baud)
+                .open()
+                .map_err(|e| failed(io::Error::other(e)))?;
+            Ok((
+                Bound::Serial {
+                    device: device.clone(),
+                    baud: *baud,
+                },
+                endpoint.to_string(),
+            ))
+        }
+    }
+}
+
+fn next_free<S>(
+    at: SocketAddr,
+    tries: u16,
+    bind: impl Fn(SocketAddr) -> io::Result<S>,
+) -> io::Result<(S, SocketAddr)> {
+    let mut address = at;
+    let mut result = bind(address);
+    for step in 1..tries {
+        match &result {
+            Err(e) if e.kind() == io::ErrorKind::AddrInUse => {}
+            _ => break,
+        }
+        address.set_port(at.port().saturating_add(step));
+        result = bind(address);
+    }
+    result.map(|socket| (socket, address))
+}
+
+/// What every link task knows.
+#[derive(Clone)]
+struct Hub {
+    to_core: std_mpsc::SyncSender<LinkEvent>,
+    dropped: Arc<AtomicU64>,
+    next_link: Arc<AtomicU32>,
+}
+
+type Register = mpsc::Sender<(LinkId, Option<mpsc::Sender<FrameBytes>>)>;
+
+impl Hub {
+    fn link(&self) -> LinkId {
+        LinkId(self.next_link.fetch_add(1, Ordering::Relaxed))
+    }
+
+    /// Never waits: a core that is behind loses datagrams, as a network does.
+    fn tell(&self, event: LinkEvent) {
+        if self.to_core.try_send(event).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+fn serve(bound: Bound, hub: &Hub, register: &Register) {
+    let (hub, register) = (hub.clone(), register.clone());
+    match bound {
+        Bound::UdpServer(socket) => {
+            tokio::spawn(async move {
+                if let Ok(socket) = adopt_udp(socket) {
+                    udp_server(socket, hub, register).await;
+                }
+            });
+        }
+        Bound::UdpClient(socket, to) => {
+            tokio::spawn(async move {
+                if let Ok(socket) = adopt_udp(socket) {
+                    udp_client(socket, to, hub, register).await;
+                }
+            });
+        }
+        Bound::TcpServer(listener) => {
+            tokio::spawn(async move {
+                let listener = listener
+                    .set_nonblocking(true)
+                    .and_then(|()| TcpListener::from_std(listener));
+                let Ok(listener) = listener else { return };
+                while let Ok((stream, _)) = listener.accept().await {
+                    let _ = stream.set_nodelay(true);
+                    tokio::spawn(stream_link(stream, hub.clone(), register.clone()));
+                }
+            });
+        }
+        Bound::TcpClient(to) => {
+            tokio::spawn(async move {
+                loop {
+                    if let Ok(stream) = TcpStream::connect(&to).await {
+                        let _ = stream.set_nodelay(true);
+                        stream_link(stream, hub.clone(), register.clone()).await;
+                    }
+                    tokio::time::sleep(RETRY).await;
+                }
+            });
+        }
+        Bound::Serial { device, baud } => {
+            tokio::spawn(async move {
+                loop {
+                    if let Ok(port) = tokio_serial::new(&device, baud).open_native_async() {
+                        stream_link(port, hub.clone(), register.clone()).await;
+                    }
+                    tokio::time::sleep(RETRY).await;
+                }
+            });
+        }
+    }
+}
+
+fn adopt_udp(socket: std::net::UdpSocket) -> io::Result<Arc<UdpSocket>> {
+    socket.set_nonblocking(true)?;
+    UdpSocket::from_std(socket).map(Arc::new)
+}
+
+/// Sends a link's frames as datagrams until its queue is closed.
+fn udp_sender(socket: Arc<UdpSocket>, to: SocketAddr) -> mpsc::Sender<FrameBytes> {
+    let (sender, mut frames) = mpsc::channel::<FrameBytes>(TO_LINK);
+    tokio::spawn(async move {
+        while let Some(frame) = frames.recv().await {
+            // Nobody listening yet (ECONNREFUSED) is no reason to stop.
+            let _ = socket.send_to(&frame, to).await;
+        }
+    });
+    sender
+}
+
+async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
+    let mut peers: BTreeMap<SocketAddr, (LinkId, Instant)> = BTreeMap::new();
+    let mut buffer = vec![0u8; 65_536];
+    let mut sweep = tokio::time::interval(Duration::from_secs(1));
+    loop {
+        tokio::select! {
+            got = socket.recv_from(&mut buffer) => {
+                let Ok((n, from)) = got else { continue };
+                let now = Instant::now();
+                if !peers.contains_key(&from) {
+                    if peers.len() >= MAX_PEERS {
+                        hub.dropped.fetch_add(1, Ordering::Relaxed);
+                        continue;
+                    }
+                    let link = hub.link();
+                    if register.send((link, Some(udp_sender(Arc::clone(&socket), from)))).await.is_err() {
+                        return;
+                    }
+                    peers.insert(from, (link, now));
+                    // The table announces the link before its first bytes are passed on.
+                    tokio::task::yield_now().await;
+                }
+                if let Some((link, heard)) = peers.get_mut(&from) {
+                    *heard = now;
+                    hub.tell(LinkEvent::Bytes { link: *link, bytes: buffer[..n].to_vec(), is_datagram: true });
+                }
+            }
+            _ = sweep.tick() => {
+                let silent: Vec<SocketAddr> =
+                    peers.iter().filter(|(_, (_, at))| at.elapsed() > PEER_SILENT).map(|(a, _)| *a).collect();
+                for address in silent {
+                    if let Some((link, _)) = peers.remove(&address)
+                        && register.send((link, None)).await.is_err() {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+}
+
+async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: Register) {
+    let link = hub.link();
+    if register
+        .send((link, Some(udp_sender(Arc::clone(&socket), to))))
+        .await
+        .is_err()
+    {
+        return;
+    }
+    let mut buffer = vec![0u8; 65_536];
+    loop {
+        match socket.recv_from(&mut buffer).await {
+            Ok((n, _)) => hub.tell(LinkEvent::Bytes {
+                link,
+                bytes: buffer[..n].to_vec(),
+                is_datagram: true,
+            }),
+            // A refused datagram comes back as an error of the next receive.
+            Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
+        }
+    }
+}
+
+/// One byte stream from open to close.
+async fn stream_link<S: AsyncRead + AsyncWrite + Send + 'static>(
+    stream: S,
+    hub: Hub,
+    register: Register,
+) {
+    let link = hub.link();
+    let (mut read, mut write) = tokio::io::split(stream);
+    let (sender, mut frames) = mpsc::channel::<FrameBytes>(TO_LINK);
+    if register.send((link, Some(sender))).await.is_err() {
+        return;
+    }
+    let writer = tokio::spawn(async move {
+        while let Some(frame) = frames.recv().await {
+            if write.write_all(&frame).await.is_err() {
+                return;
+            }
+        }
+    });
+    let mut buffer = vec![0u8; 4096];
+    while let Ok(n) = read.read(&mut buffer).await {
+        if n == 0 {
+            break;
+        }
+        hub.tell(LinkEvent::Bytes {
+            link,
+            bytes: buffer[..n].to_vec(),
+            is_datagram: false,
+        });
+    }
+    writer.abort();
+    let _ = register.send((link, None)).await;
+}

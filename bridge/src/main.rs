@@ -1,0 +1,60 @@
+//! `kestrel`: the program. One file per sub-command in `cmd/`.
+
+mod cmd;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Autopilot bridge for indoor quadcopters: MSP on one side, MAVLink on the other.
+///
+/// `kestrel` alone flies nothing and needs nothing: it opens a simulated office with a drone in it and waits for your ground
+/// station on UDP 14550.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    about,
+    after_help = "Examples:\n  kestrel                       a drone in a simulated office\n  kestrel demo                  watch it fly a patrol, get a picture\n  kestrel sim maze --seed 7     another room\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel params                every parameter with its range"
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Simulate a drone in a room; ground stations connect as to a real one.
+    Sim(cmd::sim::SimArgs),
+    /// Fly a scripted patrol in the simulator and draw it.
+    Demo(cmd::demo::DemoArgs),
+    /// Fly the real thing.
+    Fly(cmd::fly::FlyArgs),
+    /// List every parameter.
+    Params(cmd::params::ParamsArgs),
+    /// List the bundled rooms, or write one as a floor plan.
+    Rooms(cmd::rooms::RoomsArgs),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let command = cli
+        .command
+        .unwrap_or_else(|| Command::Sim(cmd::sim::SimArgs::default()));
+    let result = match command {
+        Command::Sim(args) => cmd::sim::run(args),
+        Command::Demo(args) => cmd::demo::run(args),
+        Command::Fly(args) => cmd::fly::run(args),
+        Command::Params(args) => cmd::params::run(&args),
+        Command::Rooms(args) => cmd::rooms::run(&args),
+    };
+    match result {
+        Ok(code) => code,
+        Err(e) => {
+            cmd::term::complain(&format!("{e:#}"));
+            if e.downcast_ref::<cmd::Usage>().is_some() {
+                ExitCode::from(2)
+            } else {
+                ExitCode::FAILURE
+            }
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! Readings of sensors as samples for the estimator.
+
+pub mod ring;

@@ -1,0 +1,98 @@
+//! The nominal state: what the filter believes, with the attitude as a quaternion.
+
+use super::{ACCEL_BIAS, ATTITUDE, ErrorVector, GYRO_BIAS, POSITION, VELOCITY};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+/// Position, velocity, attitude, biases.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nominal {
+    /// m, NED (or Odom).
+    pub position: Vector3<f64>,
+    /// m/s, NED (or Odom).
+    pub velocity: Vector3<f64>,
+    /// FRD to NED (or Odom).
+    pub attitude: UnitQuaternion<f64>,
+    /// m/s2, FRD.
+    pub accel_bias: Vector3<f64>,
+    /// rad/s, FRD.
+    pub gyro_bias: Vector3<f64>,
+}
+
+impl Default for Nominal {
+    fn default() -> Self {
+        Self {
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            attitude: UnitQuaternion::identity(),
+            accel_bias: Vector3::zeros(),
+            gyro_bias: Vector3::zeros(),
+        }
+    }
+}
+
+impl Nominal {
+    /// Adds an error-state vector (boxplus).
+    #[must_use]
+    pub fn plus(&self, error: &ErrorVector) -> Self {
+        let part = |first: usize| error.fixed_rows::<3>(first).into_owned();
+        Self {
+            position: self.position + part(POSITION),
+            velocity: self.velocity + part(VELOCITY),
+            attitude: self.attitude * UnitQuaternion::from_scaled_axis(part(ATTITUDE)),
+            accel_bias: self.accel_bias + part(ACCEL_BIAS),
+            gyro_bias: self.gyro_bias + part(GYRO_BIAS),
+        }
+    }
+
+    /// The error-state vector that leads from here to `other` (boxminus).
+    #[must_use]
+    pub fn error_to(&self, other: &Self) -> ErrorVector {
+        let mut e = ErrorVector::zeros();
+        e.fixed_rows_mut::<3>(POSITION)
+            .copy_from(&(other.position - self.position));
+        e.fixed_rows_mut::<3>(VELOCITY)
+            .copy_from(&(other.velocity - self.velocity));
+        e.fixed_rows_mut::<3>(ATTITUDE)
+            .copy_from(&(self.attitude.inverse() * other.attitude).scaled_axis());
+        e.fixed_rows_mut::<3>(ACCEL_BIAS)
+            .copy_from(&(other.accel_bias - self.accel_bias));
+        e.fixed_rows_mut::<3>(GYRO_BIAS)
+            .copy_from(&(other.gyro_bias - self.gyro_bias));
+        e
+    }
+
+    /// Rotation matrix FRD to NED.
+    #[must_use]
+    pub fn rotation(&self) -> Matrix3<f64> {
+        self.attitude.to_rotation_matrix().into_inner()
+    }
+
+    /// (roll, pitch, yaw), rad.
+    #[must_use]
+    pub fn roll_pitch_yaw(&self) -> (f64, f64, f64) {
+        self.attitude.euler_angles()
+    }
+
+    /// Yaw, rad.
+    #[must_use]
+    pub fn yaw(&self) -> f64 {
+        self.roll_pitch_yaw().2
+    }
+
+    /// Cosine of the tilt: third diagonal element of the rotation.
+    #[must_use]
+    pub fn cos_tilt(&self) -> f64 {
+        (self.attitude * Vector3::z()).z
+    }
+
+    /// True if no component is NaN or infinite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let v = |v: &Vector3<f64>| v.iter().all(|c| c.is_finite());
+        v(&self.position)
+            && v(&self.velocity)
+            && v(&self.accel_bias)
+            && v(&self.gyro_bias)
+            && self.attitude.coords.iter().all(|c| c.is_finite())
+    }
+}

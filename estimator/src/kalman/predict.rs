@@ -1,0 +1,155 @@
+//! Propagation with inertial samples: trapezoid over two neighbouring samples, mid-point attitude.
+//!
+//! Samples come at about 40 Hz over MSP, so the angle turned within one interval (0.05 rad in a fast yaw) is not small
+//! against the noise: the specific force is turned with the attitude in the middle of the interval.
+
+use super::{ACCEL_BIAS, ATTITUDE, Covariance, Filter, GYRO_BIAS, POSITION, STATES, VELOCITY};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use vehicle::ImuSample;
+use vehicle::airframe::GRAVITY_MPS2;
+
+/// Longer than this without an inertial sample is a gap: velocity is held and its uncertainty grows, s.
+const GAP_S: f64 = 0.25;
+/// What the vehicle may do unseen in a gap: acceleration, m/s2, and angular rate, rad/s.
+const GAP_ACCEL_MPS2: f64 = 2.0;
+const GAP_RATE_RADPS: f64 = 0.3;
+/// Share of the change between two samples that the trapezoid may be wrong by.
+const TRAPEZOID_DOUBT: f64 = 0.5;
+/// Saturation of the sensors; beyond it a sample is nonsense: 32 g and 70 rad/s (4000 deg/s).
+const MAX_ACCEL_MPS2: f64 = 320.0;
+const MAX_RATE_RADPS: f64 = 70.0;
+
+/// Spectral densities of the process noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProcessNoise {
+    /// Accelerometer, m/s2/sqrt(Hz).
+    pub accel: f64,
+    /// Gyro, rad/s/sqrt(Hz).
+    pub gyro: f64,
+    /// Accelerometer bias walk, m/s3/sqrt(Hz).
+    pub accel_bias: f64,
+    /// Gyro bias walk, rad/s2/sqrt(Hz).
+    pub gyro_bias: f64,
+}
+
+impl Default for ProcessNoise {
+    fn default() -> Self {
+        Self {
+            accel: 0.2,
+            gyro: 0.01,
+            accel_bias: 2e-3,
+            gyro_bias: 1e-4,
+        }
+    }
+}
+
+/// True if a sample can have come from a working sensor.
+#[must_use]
+pub(crate) fn is_plausible(imu: &ImuSample) -> bool {
+    imu.accel_mps2.is_finite()
+        && imu.gyro_radps.is_finite()
+        && imu.accel_mps2.norm() < MAX_ACCEL_MPS2
+        && imu.gyro_radps.norm() < MAX_RATE_RADPS
+}
+
+impl Filter {
+    /// Propagates to the time of an inertial sample. Samples that are not newer, not finite or beyond saturation are refused.
+    pub fn predict(&mut self, imu: &ImuSample) -> bool {
+        if !is_plausible(imu) || !self.is_running {
+            return false;
+        }
+        let dt = imu.at.seconds_since(self.at);
+        if dt <= 0.0 {
+            return false;
+        }
+        let previous = self.last_imu.unwrap_or(*imu);
+        if dt > GAP_S {
+            self.coast(dt);
+        } else {
+            let accel = (previous.accel_mps2.vector() + imu.accel_mps2.vector()) * 0.5;
+            let gyro = (previous.gyro_radps.vector() + imu.gyro_radps.vector()) * 0.5;
+            let swing = (imu.accel_mps2 - previous.accel_mps2).norm();
+            self.step(&accel, &gyro, swing, dt);
+        }
+        self.last_imu = Some(*imu);
+        self.at = imu.at;
+        true
+    }
+
+    /// One trapezoid: mean specific force and rate over the interval; `swing` is the change of the specific force in it.
+    fn step(&mut self, accel: &Vector3<f64>, gyro: &Vector3<f64>, swing: f64, dt: f64) {
+        let x = &mut self.state;
+        let force = accel - x.accel_bias;
+        let turn = (gyro - x.gyro_bias) * dt;
+        let middle = x.attitude * UnitQuaternion::from_scaled_axis(turn * 0.5);
+        let acceleration = middle * force + Vector3::new(0.0, 0.0, GRAVITY_MPS2);
+        x.position += x.velocity * dt + acceleration * (0.5 * dt * dt);
+        x.velocity += acceleration * dt;
+        x.attitude *= UnitQuaternion::from_scaled_axis(turn);
+        x.attitude.renormalize_fast();
+
+        let r = middle.to_rotation_matrix().into_inner();
+        let r_force = r * force.cross_matrix();
+        let mut phi = Covariance::identity();
+        let mut set = |row: usize, column: usize, block: Matrix3<f64>| {
+            phi.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+        };
+        let half = 0.5 * dt * dt;
+        set(POSITION, VELOCITY, Matrix3::identity() * dt);
+        set(POSITION, ATTITUDE, r_force * -half);
+        set(POSITION, ACCEL_BIAS, r * -half);
+        set(VELOCITY, ATTITUDE, r_force * -dt);
+        set(VELOCITY, ACCEL_BIAS, r * -dt);
+        set(VELOCITY, GYRO_BIAS, r_force * half);
+        set(
+            ATTITUDE,
+            ATTITUDE,
+            UnitQuaternion::from_scaled_axis(-turn)
+                .to_rotation_matrix()
+                .into_inner(),
+        );
+        set(ATTITUDE, GYRO_BIAS, Matrix3::identity() * -dt);
+        self.covariance = phi * self.covariance * phi.transpose();
+
+        let n = self.noise;
+        // A knock between two samples may have lasted for all of the interval or for none of it.
+        let knock = TRAPEZOID_DOUBT * swing;
+        let accel_q = n.accel * n.accel + knock * knock * dt;
+        for i in 0..3 {
+            self.add_noise(POSITION + i, accel_q * dt * dt * dt / 3.0);
+            self.add_noise(VELOCITY + i, accel_q * dt);
+            self.add_noise(ATTITUDE + i, n.gyro * n.gyro * dt);
+            self.add_noise(ACCEL_BIAS + i, n.accel_bias * n.accel_bias * dt);
+            self.add_noise(GYRO_BIAS + i, n.gyro_bias * n.gyro_bias * dt);
+            let cross = accel_q * dt * dt * 0.5;
+            self.covariance[(POSITION + i, VELOCITY + i)] += cross;
+            self.covariance[(VELOCITY + i, POSITION + i)] += cross;
+        }
+        self.symmetrise();
+    }
+
+    /// Without inertial samples: constant velocity and attitude, with honest growth of doubt.
+    fn coast(&mut self, dt: f64) {
+        // A gap longer than a few seconds says nothing more: cap it, so that no number runs away.
+        let dt = dt.min(10.0);
+        self.state.position += self.state.velocity * dt;
+        let mut phi = Covariance::identity();
+        for i in 0..3 {
+            phi[(POSITION + i, VELOCITY + i)] = dt;
+        }
+        self.covariance = phi * self.covariance * phi.transpose();
+        let dv = GAP_ACCEL_MPS2 * dt;
+        for i in 0..3 {
+            self.add_noise(POSITION + i, 0.25 * dv * dv * dt * dt);
+            self.add_noise(VELOCITY + i, dv * dv);
+            let turn = (GAP_RATE_RADPS * dt).min(1.0);
+            self.add_noise(ATTITUDE + i, turn * turn);
+        }
+        self.symmetrise();
+    }
+
+    fn add_noise(&mut self, i: usize, variance: f64) {
+        debug_assert!(i < STATES);
+        self.covariance[(i, i)] += variance;
+    }
+}

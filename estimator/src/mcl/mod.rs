@@ -1,0 +1,39 @@
+//! Monte Carlo localization: where on the floor plan do the ranges say we are?
+//!
+//! | Module | Holds |
+//! | --- | --- |
+//! | [`planar`] | level poses and steps between them |
+//! | [`beams`] | scans as level points: rays, cones, beams without return |
+//! | [`field`] | the plan as a table of distances |
+//! | [`sensor`] | likelihood of readings, by table |
+//! | [`motion`] | how particles move with odometry |
+//! | [`particles`] | the particles, systematic resampling |
+//! | [`bins`] | counting by place; KLD size of the set |
+//! | [`cluster`] | mean, mass and covariance of the heaviest cluster |
+//! | [`filter`] | one update of all that |
+//! | [`stack`] | scans of the last seconds as one |
+//! | [`search`](mod@search) | global start: exhaustive match of a stacked scan |
+//! | [`locator`] | searching, localized, lost: when to believe it |
+//! | [`random`] | seeded random numbers |
+//!
+//! Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), chapters 4, 6, 8; Fox 2003 (KLD).
+
+pub mod beams;
+pub mod bins;
+pub mod cluster;
+pub mod field;
+pub mod filter;
+pub mod locator;
+pub mod motion;
+pub mod particles;
+pub mod planar;
+pub mod random;
+pub mod search;
+pub mod sensor;
+pub mod stack;
+
+pub use field::Field;
+pub use filter::ParticleFilter;
+pub use locator::{Fix, Locator};
+pub use planar::Planar;
+pub use search::{Peak, SearchRequest, SearchResult, search};

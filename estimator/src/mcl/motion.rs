@@ -1,0 +1,63 @@
+//! Motion model of a vehicle that can move in any horizontal direction.
+
+use super::particles::Particles;
+use super::planar::Planar;
+use super::random::{Random, sin_cos, wrap};
+
+/// Noise of one odometry step with length L and turn W: position `a1 L + a2 |W| + a0`, yaw `a3 |W| + a4 L + a5`
+/// (the omnidirectional form of Thrun, Burgard, Fox 2005, table 5.6).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionNoise {
+    /// a1, position per metre, m/m.
+    pub position_per_m: f64,
+    /// a2, position per turn, m/rad.
+    pub position_per_rad: f64,
+    /// a0, position per step, m.
+    pub position_m: f64,
+    /// a3, yaw per turn, rad/rad.
+    pub yaw_per_rad: f64,
+    /// a4, yaw per metre, rad/m.
+    pub yaw_per_m: f64,
+    /// a5, yaw per step, rad.
+    pub yaw_rad: f64,
+}
+
+impl Default for MotionNoise {
+    fn default() -> Self {
+        Self {
+            position_per_m: 0.08,
+            position_per_rad: 0.02,
+            position_m: 0.008,
+            yaw_per_rad: 0.05,
+            yaw_per_m: 0.03,
+            yaw_rad: 0.006,
+        }
+    }
+}
+
+impl MotionNoise {
+    /// Standard deviations (m, rad) of a step.
+    #[must_use]
+    pub fn std_of(&self, step: &Planar) -> (f64, f64) {
+        let (l, w) = (step.length(), step.yaw.abs());
+        (
+            self.position_per_m * l + self.position_per_rad * w + self.position_m,
+            self.yaw_per_rad * w + self.yaw_per_m * l + self.yaw_rad,
+        )
+    }
+
+    /// Moves every particle by the step (in the body's axes) with its own noise.
+    pub fn apply(&self, step: &Planar, particles: &mut Particles, random: &mut Random) {
+        let (std_xy, std_yaw) = self.std_of(step);
+        let (std_xy, std_yaw) = (std_xy as f32, std_yaw as f32);
+        let (dx, dy, dyaw) = (step.x as f32, step.y as f32, step.yaw as f32);
+        for i in 0..particles.len() {
+            let (s, c) = sin_cos(particles.yaw[i]);
+            let forward = dx + std_xy * random.gaussian();
+            let left = dy + std_xy * random.gaussian();
+            particles.x[i] += c * forward - s * left;
+            particles.y[i] += s * forward + c * left;
+            particles.yaw[i] = wrap(particles.yaw[i] + dyaw + std_yaw * random.gaussian());
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! What the tests share: recorded maze flights and a synthetic world with its own ray caster.
+#![allow(dead_code, reason = "each test binary uses a part")]
+#![allow(unreachable_pub, reason = "shared between test binaries")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "test code outside of test functions"
+)]
+
+pub mod maze;
+pub mod world;

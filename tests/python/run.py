@@ -1,0 +1,131 @@
+#!/usr/bin/env python3
+"""Runs the client tests: every function `test_*` of every file `test_*.py` beside this one, several at once.
+
+    run.py                 all
+    run.py -k mavsdk       those whose name contains `mavsdk` (several -k: any of them)
+    run.py --json out.json figures for programs
+
+One line for each test: name, ok / FAILED / SKIPPED, seconds, and what it measured; failures with seed and command line
+at the end; last line `N passed, N failed, N skipped`. Exit code 0 only if none failed. Each test has its own process, so
+that a client library that crashes takes only its own test along.
+
+Environment: KESTREL_BIN, KESTREL_JOBS (see kestrel_harness.py), KESTREL_FULL=1 for campaigns over all 20 seeds,
+KESTREL_SEEDS=a..b for chosen ones, KESTREL_KEEP=1 to keep the files of flights that passed.
+"""
+
+import argparse
+import ast
+import importlib
+import json
+import os
+import subprocess
+import sys
+import time
+import traceback
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+TIME_LIMIT_S = 1200  # a test that has not ended by then hangs
+MARK = "@@result@@ "
+
+
+def discover():
+    """Names `file.function` in file order; files are only read, not imported."""
+    names = []
+    for path in sorted(HERE.glob("test_*.py")):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+                names.append(f"{path.stem.removeprefix('test_')}.{node.name.removeprefix('test_')}")
+    return names
+
+
+def run_here(name):
+    """Runs one test in this process and prints its result as JSON."""
+    file, _, function = name.partition(".")
+    from kestrel_harness import Skipped
+
+    try:
+        test = getattr(importlib.import_module(f"test_{file}"), f"test_{function}")
+        verdict, text = "ok", test() or ""
+    except Skipped as reason:
+        verdict, text = "SKIPPED", str(reason)
+    except BaseException:  # noqa: BLE001 - whatever it is, it is the result
+        verdict, text = "FAILED", traceback.format_exc()
+    print(MARK + json.dumps({"verdict": verdict, "text": text}), flush=True)
+    # MAVSDK's threads must not keep a finished test alive.
+    os._exit(0)
+
+
+def run_apart(name):
+    """Runs one test in a process of its own."""
+    began = time.monotonic()
+    command = [sys.executable, str(HERE / "run.py"), "--one", name]
+    try:
+        done = subprocess.run(command, cwd=HERE, capture_output=True, text=True, errors="replace", timeout=TIME_LIMIT_S)
+        output = done.stdout
+        lines = [line for line in output.splitlines() if line.startswith(MARK)]
+        if lines:
+            result = json.loads(lines[-1].removeprefix(MARK))
+        else:
+            result = {"verdict": "FAILED", "text": f"the test process died, exit {done.returncode}\n{output}\n{done.stderr}"}
+    except subprocess.TimeoutExpired:
+        result = {"verdict": "FAILED", "text": f"hangs: no end after {TIME_LIMIT_S} s"}
+    return {"name": name, "seconds": round(time.monotonic() - began, 1), **result}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-k", action="append", metavar="WORD", help="only tests whose name contains WORD")
+    parser.add_argument("-j", type=int, default=3 * (os.cpu_count() or 1), metavar="N", help="tests at once")
+    parser.add_argument("--json", metavar="FILE", help="write results as JSON")
+    parser.add_argument("--list", action="store_true", help="only list the names")
+    parser.add_argument("--one", metavar="NAME", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.one:
+        run_here(arguments.one)
+
+    names = [n for n in discover() if not arguments.k or any(word in n for word in arguments.k)]
+    if arguments.list:
+        print("\n".join(names))
+        return 0
+
+    from kestrel_harness import binary, jobs
+
+    campaign = "all 20 seeds" if os.environ.get("KESTREL_FULL") == "1" else "fewer seeds (KESTREL_FULL=1 flies all 20)"
+    print(f"{binary()}: {len(names)} tests, {arguments.j} at once, {jobs()} simulators at once, campaigns with {campaign}", flush=True)
+
+    # Long ones first: they would otherwise fly alone at the end.
+    ordered = sorted(names, key=lambda name: not name.startswith(("missions", "mavsdk")))
+    results = []
+    with ThreadPoolExecutor(arguments.j) as pool:
+        for result in (future.result() for future in [pool.submit(run_and_tell, name) for name in ordered]):
+            results.append(result)
+
+    failed = [r for r in results if r["verdict"] == "FAILED"]
+    for r in failed:
+        print(f"\n--- {r['name']}\n{r['text'].rstrip()}")
+    if arguments.json:
+        Path(arguments.json).write_text(json.dumps(results, indent=1))
+    count = {verdict: sum(r["verdict"] == verdict for r in results) for verdict in ("ok", "FAILED", "SKIPPED")}
+    print(f"\n{count['ok']} passed, {count['FAILED']} failed, {count['SKIPPED']} skipped")
+    return 1 if failed or not results else 0
+
+
+def run_and_tell(name):
+    """Runs one test and prints its line at once."""
+    result = run_apart(name)
+    lines = result["text"].strip().splitlines() or [""]
+    if result["verdict"] == "FAILED":
+        # The line of the exception itself; notes (how to repeat) follow it, indented or prefixed by two blanks.
+        what = [line for line in lines if line[:1] not in (" ", "", "|")]
+        text = what[-1] if what else lines[-1]
+        text = text.removeprefix("AssertionError: ")
+    else:
+        text = " | ".join(lines)
+    print(f"{result['verdict']:8}{name:48}{result['seconds']:7.1f} s  {text[:400]}", flush=True)
+    return result
+
+
+if __name__ == "__main__":
+    sys.exit(main())
