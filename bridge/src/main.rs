@@ -2,7 +2,8 @@
 
 mod cmd;
 
-use clap::{Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory as _, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Autopilot bridge for indoor quadcopters: MSP on one side, MAVLink on the other.
@@ -35,7 +36,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|e| refuse(&e));
     let command = cli
         .command
         .unwrap_or_else(|| Command::Sim(cmd::sim::SimArgs::default()));
@@ -57,4 +58,26 @@ fn main() -> ExitCode {
             }
         }
     }
+}
+
+/// Help and version as asked; a wrong command line with the nearest sub-command to a mistyped one.
+fn refuse(e: &clap::Error) -> ! {
+    let wrong = match (e.kind(), e.get(ContextKind::InvalidSubcommand)) {
+        (ErrorKind::InvalidSubcommand, Some(ContextValue::String(wrong))) => wrong.clone(),
+        _ => e.exit(),
+    };
+    let command = Cli::command();
+    let names: Vec<&str> = command
+        .get_subcommands()
+        .map(clap::Command::get_name)
+        .collect();
+    let nearest = bridge::settings::nearest(&wrong, names.iter().copied());
+    let hint = nearest
+        .map(|n| format!("; did you mean `{n}`?"))
+        .unwrap_or_default();
+    cmd::term::complain(&format!(
+        "no command `{wrong}`{hint}; there are {} (kestrel --help)",
+        names.join(", ")
+    ));
+    std::process::exit(2)
 }

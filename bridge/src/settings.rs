@@ -279,15 +279,22 @@ impl Settings {
         Ok(())
     }
 
-    /// The values that are not defaults and whose origin is at least `from`, as a TOML document.
+    /// What the next run shall know: set over MAVLink in this run or stored by an earlier one.
     #[must_use]
-    pub fn to_toml(&self, from: Origin) -> String {
+    pub fn stored_toml(&self) -> String {
+        self.toml_of(|r| matches!(r.origin, Origin::Stored | Origin::Mavlink))
+    }
+
+    /// What differs from the defaults, wherever it came from: the head of a log.
+    #[must_use]
+    pub fn changed_toml(&self) -> String {
+        self.toml_of(|r| r.value != r.meta.default_value())
+    }
+
+    fn toml_of(&self, keep: impl Fn(&Row<'_>) -> bool) -> String {
         let mut out = String::new();
         let mut section = "";
-        for row in self
-            .rows()
-            .filter(|r| *r.origin >= from && r.value != r.meta.default_value())
-        {
+        for row in self.rows().filter(keep) {
             if row.section != section {
                 section = row.section;
                 out.push_str(&format!("[{section}]\n"));
@@ -362,10 +369,7 @@ mod tests {
             s.row(index).map(|r| (r.value, *r.origin)),
             Some((ParamValue::Float(1.5), Origin::File))
         );
-        assert_eq!(
-            s.to_toml(Origin::File),
-            "[autopilot]\ntakeoff_height_m = 1.5\n"
-        );
+        assert_eq!(s.changed_toml(), "[autopilot]\ntakeoff_height_m = 1.5\n");
         let e = s
             .set_toml(
                 "[autopilot]\ntakeoff_height_m = 2\nno_such = 1\n",

@@ -1,5 +1,8 @@
 //! Which directions the rangers look into: a ring with gaps is blind there, so the vehicle flies slowly into them, turns
-//! to look, and swings its nose while it hovers.
+//! to look, and swings its nose while somebody is about.
+//!
+//! Kept twice: by body bearing, to know the ring's gaps, and by world bearing, because a direction looked into before the
+//! nose turned is still known a moment later.
 
 use crate::vfh::{SECTOR_RAD, SECTORS, middle_of, sector_of};
 use vehicle::Timestamp;
@@ -7,6 +10,8 @@ use vehicle::angle::shortest_turn;
 
 /// A sector counts as looked into for this long after a beam, s (sonars fire at 4 Hz, a slow ring at 3 Hz).
 const FRESH_S: f64 = 0.8;
+/// A direction of the world counts as looked into for this long, s: at 0.7 m/s what was there is then still ahead.
+const KNOWN_S: f64 = 1.2;
 /// A person is kept at least this far inside a looked-into run of sectors.
 const INSIDE_SECTORS: usize = 3;
 
@@ -14,28 +19,35 @@ const INSIDE_SECTORS: usize = 3;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
     seen_at: [Option<Timestamp>; SECTORS],
+    /// The same by sectors of the world, clockwise from north.
+    known_at: [Option<Timestamp>; SECTORS],
 }
 
 impl Default for Coverage {
     fn default() -> Self {
         Self {
             seen_at: [None; SECTORS],
+            known_at: [None; SECTORS],
         }
     }
 }
 
 impl Coverage {
-    /// A beam has looked along a bearing (clockwise from forward, rad), half a cone to each side.
-    pub fn mark(&mut self, at: Timestamp, bearing_rad: f64, half_cone_rad: f64) {
+    /// A beam has looked along a body bearing (clockwise from forward, rad), half a cone to each side, while the nose
+    /// pointed to `yaw_rad` (clockwise from north).
+    pub fn mark(&mut self, at: Timestamp, bearing_rad: f64, half_cone_rad: f64, yaw_rad: f64) {
         let reach = half_cone_rad + 0.5 * SECTOR_RAD;
-        let around = libm::ceil(reach / SECTOR_RAD) as i64;
-        let centre = sector_of(bearing_rad) as i64;
-        for d in -around..=around {
-            let k = (centre + d).rem_euclid(SECTORS as i64) as usize;
-            if shortest_turn(middle_of(k), bearing_rad).abs() <= reach {
-                self.seen_at[k] = Some(at);
-            }
-        }
+        mark_sectors(&mut self.seen_at, at, bearing_rad, reach);
+        mark_sectors(&mut self.known_at, at, bearing_rad + yaw_rad, reach);
+    }
+
+    /// True if a direction of the world (clockwise from north, rad) has been looked into lately, whatever the nose did since.
+    #[must_use]
+    pub fn knows(&self, now: Timestamp, direction_rad: f64) -> bool {
+        [-0.5, 0.5].iter().all(|k| {
+            let seen = self.known_at[sector_of(direction_rad + k * SECTOR_RAD)];
+            seen.is_some_and(|t| now.seconds_since(t) < KNOWN_S)
+        })
     }
 
     /// True if a body bearing has been looked into lately.
@@ -79,6 +91,22 @@ impl Coverage {
     }
 }
 
+fn mark_sectors(
+    sectors: &mut [Option<Timestamp>; SECTORS],
+    at: Timestamp,
+    bearing_rad: f64,
+    reach_rad: f64,
+) {
+    let around = libm::ceil(reach_rad / SECTOR_RAD) as i64;
+    let centre = sector_of(bearing_rad) as i64;
+    for d in -around..=around {
+        let k = (centre + d).rem_euclid(SECTORS as i64) as usize;
+        if shortest_turn(middle_of(k), bearing_rad).abs() <= reach_rad {
+            sectors[k] = Some(at);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -95,7 +123,7 @@ mod tests {
                 columns_mm: [None; 8].into_iter().collect(),
             };
             for b in r.beams(&reading) {
-                c.mark(Timestamp::ZERO, b.bearing_rad, b.half_cone_rad);
+                c.mark(Timestamp::ZERO, b.bearing_rad, b.half_cone_rad, 0.0);
             }
         }
         c
@@ -124,5 +152,12 @@ mod tests {
         assert!(c.turn_to_see(Timestamp::ZERO, 0.03).abs() < 1e-9);
         let turn = c.turn_to_see(Timestamp::ZERO, 55_f64.to_radians());
         assert!(turn < 0.0, "the sensor on the right is nearer");
+    }
+
+    #[test]
+    fn a_direction_looked_into_before_the_nose_turned_is_known_for_a_second() {
+        let c = four_sensors();
+        assert!(c.knows(Timestamp::from_ms(1_000), 0.1) && !c.knows(Timestamp::ZERO, FRAC_PI_4));
+        assert!(!c.knows(Timestamp::from_ms(1_300), 0.1));
     }
 }

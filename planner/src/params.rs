@@ -28,8 +28,8 @@ vehicle::params! {
         evade_clearance_m: float "AVOID_CLEAR" = 0.5, "m", 0.2..=1.5;
         /// Radius of a person.
         person_radius_m: float "AVOID_PERSON_R" = 0.25, "m", 0.1..=0.6;
-        /// Swing of the nose while hovering, to look into the gaps between the rangers; 0 keeps it still. (The heading loop
-        /// follows about 80 % of it: 24 degrees close the 45 degree gaps of four multizone sensors.)
+        /// Swing of the nose while hovering after somebody was seen, to look into the gaps between the rangers; 0 keeps it
+        /// still. (The heading loop follows about 80 % of it: 24 degrees close the 45 degree gaps of four multizone sensors.)
         look_deg: float "AVOID_LOOK" = 30.0, "deg", 0.0..=45.0;
         /// Time of one swing there and back.
         look_period_s: float "AVOID_LOOK_T" = 4.5, "s", 2.0..=20.0;

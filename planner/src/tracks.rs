@@ -4,6 +4,10 @@
 //! disc of a person's radius moving steadily (Kalman filter of position and velocity); every return says that its outline
 //! passes there, every ray that goes past says that it does not reach so far. Seeing only one shoulder between two gaps of
 //! the ring therefore does not move the person sideways. A track that is not seen coasts for two seconds.
+//!
+//! Multizone rangers read short in one of ten columns beyond a metre, so one return is no evidence. A group counts when
+//! it fills most of the columns that a person would fill at that range; a track counts when such groups were there in
+//! three of the last five scans that looked, at places a walking person can connect.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
@@ -34,9 +38,29 @@ const PAST_SLACK_M: f64 = 0.08;
 const WALKED_M: f64 = 0.6;
 /// Uncertainty of a new track: place (m) and walking speed (m/s).
 const NEW_STD: (f64, f64) = (0.15, 0.7);
-/// A track counts once it was seen so often and for so long.
-const CONFIRM_HITS: u32 = 4;
-const CONFIRM_S: f64 = 0.2;
+/// A track counts once it was seen well in so many of the last five scans that looked there: by three columns or more,
+/// and by fewer or by wide cones, which say less.
+const CONFIRM_HITS: u32 = 3;
+const CONFIRM_HITS_THIN: u32 = 4;
+/// The same for returns that end before this share of the way to the plan's wall: short readings lose less than half.
+const CONFIRM_HITS_NEAR: u32 = 2;
+const SHORT_SHARE: f64 = 0.42;
+const CONFIRM_OF: u32 = 5;
+/// Faster than this is no person but noise, m/s.
+const FASTEST_MPS: f64 = 2.0;
+/// A track that does not count yet is dropped when it was not seen for this long, s: two scans; two firings of a slow cone.
+const TENTATIVE_S: f64 = 0.25;
+const TENTATIVE_WIDE_S: f64 = 0.7;
+/// A track that does not count yet is only continued this near, m: a walker's way between two scans and the noise.
+const TENTATIVE_GATE_M: f64 = 0.3;
+/// Columns on somebody's near side differ by less than this in range, m; two short readings seldom agree so well.
+const FACE_DEPTH_M: f64 = 0.15;
+/// Share of the columns a person fills that must see them.
+const FILLED: f64 = 0.6;
+/// A group too thin to begin a track still updates one within this distance, m.
+const THIN_GATE_M: f64 = 0.3;
+/// Columns of one sensor lie at most this many spacings apart.
+const NEIGHBOUR: f64 = 1.6;
 /// Slower than this is furniture, m/s.
 const MOVING_MPS: f64 = 0.25;
 
@@ -49,8 +73,37 @@ pub struct Ray {
     pub to: Vector2<f64>,
     /// It ends at something that the plan does not explain.
     pub unexplained: bool,
+    /// How far the plan leaves the way open in its direction, m.
+    pub open_m: f64,
+    /// Half the opening angle of its cone, rad; columns of a multizone ranger lie two of these apart.
+    pub half_cone_rad: f64,
+}
+
+/// Cones wider than this (half, rad) do not tell where on their front a return came from.
+pub(crate) const WIDE_RAD: f64 = 0.06;
+
+impl Ray {
     /// A wide cone: where on its front the return came from is not known.
-    pub is_wide: bool,
+    #[must_use]
+    pub fn is_wide(&self) -> bool {
+        self.half_cone_rad > WIDE_RAD
+    }
+
+    fn length_m(&self) -> f64 {
+        (self.to - self.from).norm()
+    }
+
+    /// A return so near that no short reading of the wall behind explains it.
+    fn is_beyond_doubt(&self) -> bool {
+        self.length_m() < SHORT_SHARE * self.open_m
+    }
+
+    /// True if another ray is the next column of the same sensor (or the one after a column that failed).
+    fn is_beside(&self, other: &Self) -> bool {
+        let (a, b) = (self.to - self.from, other.to - other.from);
+        let (cross, dot) = (a.perp(&b), a.dot(&b));
+        libm::atan2(cross.abs(), dot) < NEIGHBOUR * 2.0 * self.half_cone_rad
+    }
 }
 
 /// The rays of one scan.
@@ -68,7 +121,11 @@ pub struct Track {
     first_seen: Timestamp,
     first_place: Vector2<f64>,
     last_seen: Timestamp,
-    hits: u32,
+    /// The last scans that looked there, newest in the lowest bit: seen well or not.
+    history: u8,
+    needed: u32,
+    is_wide: bool,
+    is_confirmed: bool,
     seen_through: u8,
     has_walked: bool,
     /// Covariance of position and velocity.
@@ -76,7 +133,7 @@ pub struct Track {
 }
 
 impl Track {
-    fn new(at: Timestamp, centre: Vector2<f64>) -> Self {
+    fn new(at: Timestamp, centre: Vector2<f64>, is_wide: bool, needed: u32) -> Self {
         let (place, speed) = NEW_STD;
         Self {
             position: centre,
@@ -85,7 +142,10 @@ impl Track {
             first_seen: at,
             first_place: centre,
             last_seen: at,
-            hits: 0,
+            history: 0,
+            needed,
+            is_wide,
+            is_confirmed: false,
             seen_through: 0,
             has_walked: false,
             p: Matrix4::from_diagonal(&Vector4::new(
@@ -99,15 +159,15 @@ impl Track {
 
     /// Seen often enough to be somebody.
     #[must_use]
-    pub fn is_confirmed(&self) -> bool {
-        self.hits >= CONFIRM_HITS && self.last_seen.seconds_since(self.first_seen) >= CONFIRM_S
+    pub const fn is_confirmed(&self) -> bool {
+        self.is_confirmed
     }
 
     /// Somebody walking: moving significantly.
     #[must_use]
     pub fn is_moving(&self) -> bool {
         let speed = self.velocity.norm();
-        self.is_confirmed() && speed > MOVING_MPS && speed > 1.5 * self.speed_std_mps()
+        self.is_confirmed() && speed > MOVING_MPS && speed > 2.0 * self.speed_std_mps()
     }
 
     /// First seen less than this many seconds ago.
@@ -133,6 +193,31 @@ impl Track {
     #[must_use]
     pub fn position_at(&self, t: Timestamp) -> Vector2<f64> {
         self.position + self.velocity * t.seconds_since(self.at).clamp(0.0, 5.0)
+    }
+
+    /// A scan has looked there.
+    fn note(&mut self, seen_well: bool) {
+        self.history = self.history << 1 | u8::from(seen_well);
+        let recent = self.history & ((1 << CONFIRM_OF) - 1);
+        self.is_confirmed |=
+            recent.count_ones() >= self.needed && self.velocity.norm() <= FASTEST_MPS;
+    }
+
+    fn lasts(&self, at: Timestamp) -> bool {
+        let unseen_s = at.seconds_since(self.last_seen);
+        let for_s = if self.is_confirmed {
+            COAST_S
+        } else if self.is_wide {
+            TENTATIVE_WIDE_S
+        } else {
+            TENTATIVE_S
+        };
+        let through_max = if self.is_confirmed {
+            SEEN_THROUGH_MAX
+        } else {
+            SEEN_THROUGH_MAX - 1
+        };
+        self.seen_through < through_max && unseen_s < for_s
     }
 
     fn predict(&mut self, t: Timestamp) {
@@ -192,6 +277,7 @@ impl Track {
 #[derive(Clone, Debug, Default)]
 pub struct Tracker {
     tracks: ArrayVec<Track, TRACKS_MAX>,
+    last_alarm: Option<Timestamp>,
 }
 
 impl Tracker {
@@ -201,8 +287,15 @@ impl Tracker {
         &self.tracks
     }
 
+    /// When somebody was last found or seen walking.
+    #[must_use]
+    pub const fn last_alarm(&self) -> Option<Timestamp> {
+        self.last_alarm
+    }
+
     /// Forgets everybody (the pose has jumped).
     pub fn clear(&mut self) {
+        self.last_alarm = None;
         self.tracks.clear();
     }
 
@@ -212,45 +305,70 @@ impl Tracker {
             t.predict(at);
         }
         let mut updated = [false; TRACKS_MAX];
-        for group in groups(rays) {
+        let mut found = groups(rays);
+        // Who is seen best speaks first.
+        found.sort_unstable_by(|a, b| b.count.total_cmp(&a.count));
+        for group in found {
             if group.width_m() > GROUP_WIDTH_M {
                 continue;
             }
-            let face = group.mean();
-            let outward = (face - eye) / (face - eye).norm().max(1e-6);
-            // Only the near side of a round body is seen; its centre is most of a radius farther.
-            let centre = face + outward * (0.8 * person_radius_m);
+            let is_wide = rays[group.first].is_wide();
+            let face = group.face(rays);
+            let centre = group.centre(eye, rays, person_radius_m);
+            let is_strong =
+                group.fills_a_person(rays, face.columns, (centre - eye).norm(), person_radius_m);
+            let needed = match (face.is_beyond_doubt, is_wide || face.columns < 3) {
+                (true, _) => CONFIRM_HITS_NEAR,
+                (false, true) => CONFIRM_HITS_THIN,
+                (false, false) => CONFIRM_HITS,
+            };
+            let gate_m = |t: &Track| match (is_strong, t.is_confirmed) {
+                (true, true) => GATE_M + t.place_std_m().min(0.2),
+                (true, false) => TENTATIVE_GATE_M,
+                (false, _) => THIN_GATE_M,
+            };
             let nearest = self
                 .tracks
                 .iter()
                 .enumerate()
-                .map(|(i, t)| (i, (t.position - centre).norm() - t.place_std_m()))
-                .filter(|(_, d)| *d < GATE_M)
+                .map(|(i, t)| (i, (t.position - centre).norm(), gate_m(t)))
+                .filter(|(_, d, gate_m)| d < gate_m)
                 .min_by(|a, b| a.1.total_cmp(&b.1));
             let i = match nearest {
-                Some((i, _)) => i,
-                None if self.tracks.is_full() => continue,
+                // Thin evidence follows somebody already known; it makes nobody.
+                Some((i, ..)) if is_strong || self.tracks[i].is_confirmed => i,
+                Some(_) => continue,
+                None if self.tracks.is_full() || !is_strong => continue,
                 None => {
-                    self.tracks.push(Track::new(at, centre));
+                    self.tracks.push(Track::new(at, centre, is_wide, needed));
                     self.tracks.len() - 1
                 }
             };
             let track = &mut self.tracks[i];
+            if is_strong {
+                track.needed = track.needed.min(needed);
+            }
             // The returns of one group share most of their error.
-            let sigma_m = OUTLINE_STD_M * libm::sqrt(group.count);
-            for ray in rays.iter().filter(|r| r.unexplained && group.holds(r.to)) {
+            let sigma_m = OUTLINE_STD_M * libm::sqrt(face.columns as f64);
+            for ray in group.members(rays).filter(|r| face.holds(r)) {
                 track.touch(ray.to, eye, person_radius_m, sigma_m);
             }
             if !updated[i] {
                 updated[i] = true;
-                (track.hits, track.last_seen, track.seen_through) = (track.hits + 1, at, 0);
-                track.has_walked |=
-                    track.is_moving() || (track.position - track.first_place).norm() > WALKED_M;
+                let was_confirmed = track.is_confirmed;
+                (track.last_seen, track.seen_through) = (at, 0);
+                track.note(is_strong);
+                track.has_walked |= track.is_confirmed
+                    && (track.is_moving() || (track.position - track.first_place).norm() > WALKED_M);
+                if track.is_moving() || track.is_confirmed != was_confirmed {
+                    self.last_alarm = Some(at);
+                }
             }
         }
         for (t, updated) in self.tracks.iter_mut().zip(updated) {
             if !updated && rays.iter().any(|r| passes_through(r, t.position)) {
                 t.seen_through += 1;
+                t.note(false);
                 continue;
             }
             // The rays of a scan share their error: the clearest one speaks for all.
@@ -262,9 +380,7 @@ impl Tracker {
                 t.correct(away, lacking_m, PAST_STD_M);
             }
         }
-        self.tracks.retain(|t| {
-            t.seen_through < SEEN_THROUGH_MAX && at.seconds_since(t.last_seen) < COAST_S
-        });
+        self.tracks.retain(|t| t.lasts(at));
     }
 }
 
@@ -294,6 +410,20 @@ fn passes_through(ray: &Ray, place: Vector2<f64>) -> bool {
     to.perp(&unit).abs() < 0.12 && to.dot(&unit) > 0.0 && to.dot(&unit) + 0.3 < length
 }
 
+/// Returns of a group that agree in range.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    near_m: f64,
+    columns: usize,
+    is_beyond_doubt: bool,
+}
+
+impl Face {
+    fn holds(&self, ray: &Ray) -> bool {
+        (self.near_m..self.near_m + FACE_DEPTH_M).contains(&ray.length_m())
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Group {
     sum: Vector2<f64>,
@@ -301,11 +431,16 @@ struct Group {
     high: Vector2<f64>,
     count: f64,
     last: Vector2<f64>,
+    /// First and last ray, by number in the scan.
+    first: usize,
+    end: usize,
 }
 
 impl Group {
-    const fn of(p: Vector2<f64>) -> Self {
+    const fn of(i: usize, p: Vector2<f64>) -> Self {
         Self {
+            first: i,
+            end: i,
             sum: p,
             low: p,
             high: p,
@@ -314,7 +449,93 @@ impl Group {
         }
     }
 
-    fn add(&mut self, p: Vector2<f64>) {
+    /// The group's returns.
+    fn members<'a>(&'a self, rays: &'a Rays) -> impl Iterator<Item = &'a Ray> {
+        rays[self.first..=self.end]
+            .iter()
+            .filter(|r| r.unexplained && self.holds(r.to))
+    }
+
+    /// The most of the group's returns that agree in range: they could lie on one near side.
+    fn face(&self, rays: &Rays) -> Face {
+        let from = |near_m: f64| {
+            let empty = Face {
+                near_m,
+                columns: 0,
+                is_beyond_doubt: true,
+            };
+            let inside = self.members(rays).filter(|r| empty.holds(r));
+            inside.fold(empty, |face, ray| Face {
+                columns: face.columns + 1,
+                is_beyond_doubt: face.is_beyond_doubt && ray.is_beyond_doubt(),
+                ..face
+            })
+        };
+        self.members(rays)
+            .map(|r| from(r.length_m()))
+            .max_by_key(|f| f.columns)
+            .unwrap_or_else(|| from(0.0))
+    }
+
+    /// Whether the columns next to the group, before and after it, exist.
+    fn neighbours(&self, rays: &Rays) -> (bool, bool) {
+        let (first, end) = (&rays[self.first], &rays[self.end]);
+        let before = self.first > 0 && first.is_beside(&rays[self.first - 1]);
+        let after = rays.get(self.end + 1).is_some_and(|r| end.is_beside(r));
+        (before, after)
+    }
+
+    /// Centre of the person whose near side this is. At the edge of a sensor's field only a shoulder is seen: the ray that
+    /// goes past it on the one side touches the body there, and the rest is in the gap on the other.
+    fn centre(&self, eye: Vector2<f64>, rays: &Rays, radius_m: f64) -> Vector2<f64> {
+        let face = self.mean();
+        // Only the near side of a round body is seen; its centre is most of a radius farther.
+        let outward = (face - eye) / (face - eye).norm().max(1e-6);
+        let middle = face + outward * (0.8 * radius_m);
+        let (past, shoulder, inner) = match self.neighbours(rays) {
+            (true, false) => (self.first - 1, self.first, self.end),
+            (false, true) => (self.end + 1, self.end, self.first),
+            _ => return middle,
+        };
+        let direction = |r: &Ray| (r.to - r.from) / r.length_m().max(1e-6);
+        let tangent = (direction(&rays[past]) + direction(&rays[shoulder])).normalize();
+        let hit = rays[inner].to - eye;
+        let side = libm::copysign(1.0, tangent.perp(&direction(&rays[shoulder])));
+        let normal = Vector2::new(-tangent.y, tangent.x) * side;
+        let (along, aside) = (hit.dot(&tangent), hit.dot(&normal));
+        if !(0.0..radius_m).contains(&aside) {
+            return middle;
+        }
+        // The circle touches the tangent and passes through the innermost return.
+        let behind = libm::sqrt(radius_m * radius_m - (radius_m - aside) * (radius_m - aside));
+        eye + tangent * (along + behind) + normal * radius_m
+    }
+
+    /// True if the group fills most of the columns that a person would fill there. At the edge of a sensor's field, where
+    /// only a part can be seen, two columns do; a ranger with a single beam has nothing better.
+    fn fills_a_person(
+        &self,
+        rays: &Rays,
+        columns: usize,
+        distance_m: f64,
+        radius_m: f64,
+    ) -> bool {
+        let first = &rays[self.first];
+        let least = match (self.neighbours(rays), self.first == self.end) {
+            _ if first.is_wide() => 1.0,
+            ((false, false), true) => 1.0,
+            ((true, true), _) => {
+                let half_fan = libm::asin((radius_m / distance_m.max(0.3)).min(0.8));
+                let filled = half_fan / first.half_cone_rad.max(1e-3);
+                libm::floor(FILLED * filled).clamp(2.0, 4.0)
+            }
+            _ => 2.0,
+        };
+        columns as f64 >= least
+    }
+
+    fn add(&mut self, i: usize, p: Vector2<f64>) {
+        self.end = i;
         self.sum += p;
         self.low = self.low.inf(&p);
         self.high = self.high.sup(&p);
@@ -339,13 +560,13 @@ impl Group {
 
 fn groups(rays: &Rays) -> ArrayVec<Group, MAX_BEAMS> {
     let mut out: ArrayVec<Group, MAX_BEAMS> = ArrayVec::new();
-    for ray in rays.iter().filter(|r| r.unexplained) {
+    for (i, ray) in rays.iter().enumerate().filter(|(_, r)| r.unexplained) {
         match out
             .iter_mut()
             .find(|g| (g.last - ray.to).norm() < GROUP_GAP_M)
         {
-            Some(g) => g.add(ray.to),
-            None => out.push(Group::of(ray.to)),
+            Some(g) => g.add(i, ray.to),
+            None => out.push(Group::of(i, ray.to)),
         }
     }
     out
@@ -360,7 +581,8 @@ mod tests {
             from: Vector2::zeros(),
             to: Vector2::new(x, y),
             unexplained: true,
-            is_wide: false,
+            open_m: 4.0,
+            half_cone_rad: 0.049,
         }
     }
 

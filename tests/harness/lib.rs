@@ -256,7 +256,32 @@ impl Flight {
                 0,
                 self.world.snapshot(),
             ));
+            self.trace();
         }
+    }
+
+    /// With KESTREL_TRACE set: truth beside belief, twice a second.
+    fn trace(&self) {
+        if !self.rows.len().is_multiple_of(25) || std::env::var_os("KESTREL_TRACE").is_none() {
+            return;
+        }
+        let (t, s) = (self.truth(), self.snapshot());
+        println!(
+            "{:7.2} true {:?} v {:?} est {:?} v {:?} {:?}/{:?} {:?} {:?} fit {:.2} mass {:.2} throttle {:.2} set point {:?}",
+            self.now().s(),
+            t.position,
+            t.velocity,
+            s.nav.position,
+            s.nav.velocity,
+            s.mode.mode,
+            s.mode.because,
+            s.landed,
+            s.nav.localization.state,
+            s.nav.localization.fit,
+            s.nav.localization.mass,
+            s.sticks.throttle,
+            s.setpoint,
+        );
     }
 
     /// Lets time pass.

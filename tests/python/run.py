@@ -9,8 +9,8 @@ One line for each test: name, ok / FAILED / SKIPPED, seconds, and what it measur
 at the end; last line `N passed, N failed, N skipped`. Exit code 0 only if none failed. Each test has its own process, so
 that a client library that crashes takes only its own test along.
 
-Environment: KESTREL_BIN, KESTREL_JOBS (see kestrel_harness.py), KESTREL_FULL=1 for campaigns over all 20 seeds,
-KESTREL_SEEDS=a..b for chosen ones, KESTREL_KEEP=1 to keep the files of flights that passed.
+Environment: KESTREL_BIN, KESTREL_JOBS, KESTREL_OUT (see kestrel_harness.py), KESTREL_SEEDS=a..b for campaigns over other
+seeds than 1..20, KESTREL_KEEP=1 to keep the files of flights that passed.
 """
 
 import argparse
@@ -43,14 +43,17 @@ def discover():
 def run_here(name):
     """Runs one test in this process and prints its result as JSON."""
     file, _, function = name.partition(".")
-    from kestrel_harness import Skipped
+    from kestrel_harness import Skipped, settle
 
     try:
         test = getattr(importlib.import_module(f"test_{file}"), f"test_{function}")
         verdict, text = "ok", test() or ""
+        settle()
     except Skipped as reason:
         verdict, text = "SKIPPED", str(reason)
-    except BaseException:  # noqa: BLE001 - whatever it is, it is the result
+        settle()
+    except BaseException as error:  # whatever it is, it is the result
+        settle(error)
         verdict, text = "FAILED", traceback.format_exc()
     print(MARK + json.dumps({"verdict": verdict, "text": text}), flush=True)
     # MAVSDK's threads must not keep a finished test alive.
@@ -90,10 +93,10 @@ def main():
         print("\n".join(names))
         return 0
 
-    from kestrel_harness import binary, jobs
+    from kestrel_harness import binary, jobs, seeds
 
-    campaign = "all 20 seeds" if os.environ.get("KESTREL_FULL") == "1" else "fewer seeds (KESTREL_FULL=1 flies all 20)"
-    print(f"{binary()}: {len(names)} tests, {arguments.j} at once, {jobs()} simulators at once, campaigns with {campaign}", flush=True)
+    campaign = f"campaigns over seeds {seeds()[0]}..{seeds()[-1]}"
+    print(f"{binary()}: {len(names)} tests, {arguments.j} at once, {jobs()} simulators at once, {campaign}", flush=True)
 
     # Long ones first: they would otherwise fly alone at the end.
     ordered = sorted(names, key=lambda name: not name.startswith(("missions", "mavsdk")))

@@ -216,6 +216,12 @@ class Station:
         return (p.x, p.y, p.z)
 
     @property
+    def height(self):
+        """Height above the floor at home, m: known before the place on the plan is."""
+        altitude = self.latest.get("ALTITUDE")
+        return altitude.altitude_relative if altitude else 0.0
+
+    @property
     def is_ready(self):
         """Would arming be accepted now?"""
         status = self.latest.get("SYS_STATUS")

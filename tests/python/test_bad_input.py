@@ -71,7 +71,9 @@ def test_maps_that_cannot_be_used():
     refused("sim", plan("huge", f"image: huge.pgm\n{fields}"), *udp, says=["huge", "64"])
     (folder / "solid.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
     refused("sim", plan("solid", f"image: solid.pgm\n{fields}"), *udp, says=["solid", "free"])
-    refused("sim", plan("flat", f"image: solid.pgm\n{fields.replace('0.05', '0')}"), *udp, says=["resolution"])
+    (folder / "open.pgm").write_bytes(b"P5\n20 20\n255\n" + b"\xff" * 400)
+    for wrong in ("0", "-0.05", "wide", "1e9"):
+        refused("sim", plan("scale", f"image: open.pgm\n{fields.replace('0.05', wrong)}"), *udp, says=["resolution"])
 
 
 def test_links_that_cannot_be_opened():
@@ -86,8 +88,9 @@ def test_links_that_cannot_be_opened():
         port = taken.getsockname()[1]
         refused("sim", "--headless", "--mavlink", f"tcpserver://127.0.0.1:{port}", says=[str(port), "in use"])
     refused("sim", "--headless", "--mavlink", "udpserver://127.0.0.1:70000", says=["70000"], code=2, one_line=False)
-    plan = Room.export("office").plan
-    refused("fly", "--fc", "serial:///dev/no-such-device?baudrate=115200", "--map", plan, says=["/dev/no-such-device"])
+    plan, udp = Room.export("office").plan, ("--mavlink", f"udpserver://127.0.0.1:{free_port()}")
+    refused("fly", "--fc", "serial:///dev/null", "--map", plan, says=["--mavlink"], code=2)
+    refused("fly", "--fc", "serial:///dev/no-such-device?baudrate=115200", "--map", plan, *udp, says=["/dev/no-such-device"])
     return default_port_in_use()
 
 
@@ -122,9 +125,9 @@ def test_flight_controller_that_does_not_answer():
 
     ours, theirs = pty.openpty()
     try:
-        plan = Room.export("office").plan
+        plan, udp = Room.export("office").plan, ("--mavlink", f"udpserver://127.0.0.1:{free_port()}")
         device = os.ttyname(theirs)
-        said = refused("fly", "--fc", f"serial://{device}?baudrate=115200", "--map", plan, says=[device, "answer"])
+        said = refused("fly", "--fc", f"serial://{device}?baudrate=115200", "--map", plan, *udp, says=[device, "answer"])
     finally:
         os.close(ours)
         os.close(theirs)
@@ -269,11 +272,11 @@ def test_take_off_without_rangers_is_refused():
     ring = Path(tempfile.mkdtemp(prefix="ring-", dir=out_folder())) / "none.toml"
     ring.write_text(
         'name = "dead"\n[[ranger]]\nname = "dead"\nkind = "sonar"\nbearing_deg = 0.0\nhalf_cone_deg = 7.5\n'
-        "min_m = 0.02\nmax_m = 4.0\nrate_hz = 0.001\nphase = 0.99\n"
+        "min_m = 0.02\nmax_m = 4.0\nrate_hz = 0.1\nphase = 0.99\n"
     )
     with Kestrel(seed=9, speed=4, rangers=ring, name="dead-ring") as kestrel:
         station = kestrel.station()
-        station.sleep(10.0)
+        station.sleep(8.0)  # its one reading in ten seconds comes at 9.9 s
         station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, expect="TEMPORARILY_REJECTED")
         station.wait_for(lambda: station.has_said("range"), 2.0, "STATUSTEXT about the range finders")
         said = station.texts[-1][2]

@@ -16,9 +16,10 @@ WRONG_M, WRONG_DEG = 0.5, 15.0
 class Flight:
     """What one mission flight was worth."""
 
-    def __init__(self, seed, truth, points):
+    def __init__(self, kestrel, points):
+        truth = kestrel.truth()
         air = truth.airborne()
-        self.seed = seed
+        self.seed, self.repeat = kestrel.seed, kestrel.how_to_repeat()
         self.passed_m = air.passes(points, PASS_M)
         self.landing_m = truth.landing_error()
         self.contacts = truth.contacts()
@@ -48,7 +49,7 @@ def fly_mission(station, points):
     station.wait_disarmed(240.0)
 
 
-def campaign(rangers, default_ci):
+def campaign(rangers):
     """The flights of rows 4 and 5 with one ring."""
     room = Room.export("office")
 
@@ -56,9 +57,9 @@ def campaign(rangers, default_ci):
         points = course(room, seed)
         with Kestrel("office", seed=seed, speed=SPEED, rangers=rangers) as kestrel:
             fly_mission(kestrel.station(), points)
-        return Flight(seed, kestrel.truth(), points)
+        return Flight(kestrel, points)
 
-    wanted = seeds(default_ci)
+    wanted = seeds()
     results = fly_all(fly, wanted)
     flights = [r for r in results.values() if isinstance(r, Flight)]
     assert flights, "no flight came to its end\n" + explain(results)
@@ -68,13 +69,13 @@ def campaign(rangers, default_ci):
         f"worst way point {max(max(f.passed_m) for f in flights):.2f} m, worst landing {max(f.landing_m for f in flights):.2f} m, "
         f"estimate {pooled}"
     )
-    bad = "\n".join([str(f) for f in flights if not f.is_good] + [explain(results)]).strip()
+    bad = "\n".join([f"{f}\n{f.repeat}" for f in flights if not f.is_good] + [explain(results)]).strip()
     return len(wanted), flights, pooled, figures, bad
 
 
 def test_tof32_mission_through_doors():
     """Rows 4 and 5, tof32: every flight good; mean <= 0.08 m, 95th percentile <= 0.16 m, yaw RMS <= 3 degrees."""
-    wanted, flights, pooled, figures, bad = campaign("tof32", default_ci=20)
+    wanted, flights, pooled, figures, bad = campaign("tof32")
     assert sum(f.is_good for f in flights) == wanted, f"{bad}\n{figures}"
     assert pooled.mean_m <= 0.08 and pooled.p95_m <= 0.16 and pooled.yaw_rms_deg <= 3.0, figures
     return figures
@@ -82,7 +83,7 @@ def test_tof32_mission_through_doors():
 
 def test_sonar8_mission_through_doors():
     """Rows 4 and 5, sonar8: no contact, 18 of 20 good; mean <= 0.15 m."""
-    wanted, flights, pooled, figures, bad = campaign("sonar8", default_ci=20)
+    wanted, flights, pooled, figures, bad = campaign("sonar8")
     assert sum(f.contacts for f in flights) == 0 and len(flights) >= math.ceil(0.9 * wanted), f"{bad}\n{figures}"
     assert sum(f.is_good for f in flights) >= math.ceil(0.9 * wanted), f"{bad}\n{figures}"
     assert pooled.mean_m <= 0.15, figures
@@ -92,9 +93,10 @@ def test_sonar8_mission_through_doors():
 class Search:
     """What one flight from an unknown place was worth."""
 
-    def __init__(self, seed, truth, has_claimed, points, refusal):
+    def __init__(self, kestrel, has_claimed, points, refusal):
+        truth = kestrel.truth()
         claimed = truth.localized().samples
-        self.seed = seed
+        self.seed, self.repeat = kestrel.seed, kestrel.how_to_repeat()
         self.claimed = bool(claimed) and has_claimed
         self.wrong = [s for s in claimed if s.horizontal_error > WRONG_M or abs(math.degrees(s.yaw_error)) > WRONG_DEG]
         self.contacts = truth.contacts()
@@ -131,7 +133,7 @@ def search_and_fly(kestrel, points):
     station.sleep(8.0)  # the flight controller's five seconds of boot grace and a few scans
     station.arm()
     station.command(mav.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, math.nan, math.nan, math.nan, math.nan)
-    station.wait_for(lambda: station.position[2] < -0.4 or station.landed_state == mav.MAV_LANDED_STATE_IN_AIR, 20.0, "takes off")
+    station.wait_for(lambda: station.height > 0.4, 20.0, "takes off")
     # Right after take-off, before the turn, nothing can be known: a mission must not start.
     if not station.is_localized:
         station.command(mav.MAV_CMD_MISSION_START, 0, 0, expect=("TEMPORARILY_REJECTED", "DENIED"))
@@ -155,12 +157,12 @@ def test_start_unknown():
         points = course(room, seed)
         with Kestrel("office", seed=seed, speed=SPEED, start="unknown", name=f"unknown-seed{seed}") as kestrel:
             claimed, refused = search_and_fly(kestrel, points)
-        return Search(seed, kestrel.truth(), claimed, points, refused)
+        return Search(kestrel, claimed, points, refused)
 
-    wanted = seeds(default_ci=10)
+    wanted = seeds()
     results = fly_all(fly, wanted)
     flights = [r for r in results.values() if isinstance(r, Search)]
-    details = "\n".join([str(f) for f in flights if not f.is_right] + [explain(results)]).strip()
+    details = "\n".join([f"{f}\n{f.repeat}" for f in flights if not f.is_right] + [explain(results)]).strip()
     assert flights, details
     right = sum(f.is_right for f in flights)
     times = [f.after_s for f in flights if f.claimed]
@@ -184,7 +186,7 @@ def test_person_walks_by_a_hover():
     room = Room.export("office")
     (hx, hy), speed_mps, start_s = room.home_map, 0.8, 50.0
     a, b = (hx - 2.3, hy + 0.4), (hx + 2.3, hy + 0.4)
-    person = f"{a[0]},{a[1]},{b[0]},{b[1]},{speed_mps},{start_s}"
+    person = f"{a[0]:.3f},{a[1]:.3f},{b[0]:.3f},{b[1]:.3f},{speed_mps},{start_s}"
     with Kestrel("office", seed=10, speed=SPEED, extra=["--person", person], name="person") as kestrel:
         station = kestrel.station()
         station.take_off(1.0)

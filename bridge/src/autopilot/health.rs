@@ -70,38 +70,50 @@ mod tests {
     #[test]
     fn each_check_names_its_reason_in_order() {
         let params = AutopilotParams::default();
-        let mut nav = NavState::default();
+        let unknown = NavState::default();
+        let flying = NavState {
+            health: NavHealth {
+                attitude: true,
+                height: true,
+                velocity: true,
+                position: false,
+            },
+            ..unknown
+        };
         let blocked = FcArmState {
             block: Some(FcBlock("THROTTLE".try_into().unwrap())),
             ..Default::default()
         };
         let free = FcArmState::default();
-        let mut c = Checks {
+        let said = |c: &Checks<'_>| first_failure(c).map(|r| r.to_string()).unwrap_or_default();
+        let c = Checks {
             fc_is_connected: false,
             fc: &blocked,
-            nav: &nav,
+            nav: &unknown,
             rangers_alive: false,
             battery: Some(0.05),
             is_shutting_down: false,
             params: &params,
         };
-        let said = |c: &Checks<'_>| first_failure(c).map(|r| r.to_string()).unwrap_or_default();
         assert_eq!(said(&c), "flight controller does not answer");
-        c.fc_is_connected = true;
-        assert_eq!(said(&c), "flight controller blocks arming: THROTTLE");
-        c.fc = &free;
-        assert_eq!(said(&c), "attitude and height are not known yet");
-        nav.health = NavHealth {
-            attitude: true,
-            height: true,
-            velocity: true,
-            position: false,
+        let c = Checks {
+            fc_is_connected: true,
+            ..c
         };
-        let mut c = Checks { nav: &nav, ..c };
+        assert_eq!(said(&c), "flight controller blocks arming: THROTTLE");
+        let c = Checks { fc: &free, ..c };
+        assert_eq!(said(&c), "attitude and height are not known yet");
+        let c = Checks { nav: &flying, ..c };
         assert_eq!(said(&c), "range finders are silent");
-        c.rangers_alive = true;
+        let c = Checks {
+            rangers_alive: true,
+            ..c
+        };
         assert_eq!(said(&c), "battery low (5 %)");
-        c.battery = Some(0.8);
+        let c = Checks {
+            battery: Some(0.8),
+            ..c
+        };
         assert_eq!(said(&c), "", "an unknown place is looked for in flight");
     }
 }

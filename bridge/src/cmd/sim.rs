@@ -292,7 +292,7 @@ impl SimArgs {
             env!("CARGO_PKG_VERSION"),
             self.room,
             self.seed,
-            settings.to_toml(Origin::Default)
+            settings.changed_toml()
         );
         let mut lockstep = Lockstep::new(LockstepConfig {
             sim,

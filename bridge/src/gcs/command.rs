@@ -1,6 +1,6 @@
 //! Commands: COMMAND_LONG, COMMAND_INT, COMMAND_CANCEL and the older SET_MODE, each answered by COMMAND_ACK.
 //!
-//! What each command does is the table in [`table`]; here is what all have in common.
+//! What each command does is the table in `command/table.rs`; here is what all have in common.
 //!
 //! | Rule | |
 //! | --- | --- |

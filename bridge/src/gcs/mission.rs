@@ -2,7 +2,7 @@
 //!
 //! | Message | Answer |
 //! | --- | --- |
-//! | MISSION_COUNT 44 | MISSION_REQUEST_INT 51 for each item (see [`upload`]), then MISSION_ACK 47; other stations meanwhile get DENIED |
+//! | MISSION_COUNT 44 | MISSION_REQUEST_INT 51 for each item (see `mission/upload.rs`), then MISSION_ACK 47; other stations meanwhile get DENIED |
 //! | MISSION_REQUEST_LIST 43 | MISSION_COUNT with the plan's id |
 //! | MISSION_REQUEST_INT 51, MISSION_REQUEST 40 | MISSION_ITEM_INT 73, MISSION_ITEM 39, from the list this station was told of |
 //! | MISSION_CLEAR_ALL 45, MISSION_COUNT 0 | MISSION_ACK |
@@ -80,7 +80,7 @@ enum Change {
 #[derive(Debug)]
 struct Commit {
     request: RequestId,
-    /// Who is waiting for the ACK; nobody when a stored plan is restored.
+    /// Who is waiting for the ACK; nobody when a stored plan is restored, or no longer.
     client: Option<Peer>,
     /// As the station named it, for the ACK: CLEAR_ALL may have said "all".
     mission_type: u8,
@@ -270,15 +270,15 @@ impl MissionService {
                 }
                 Step::Wait | Step::Complete | Step::OutOfRange => {}
             },
+            // The station is let go; the vehicle may still answer, and then the plan is what it flies.
             Change::Committing(commit) if now.since(commit.since) >= COMMIT_TIMEOUT => {
-                out.text(
-                    Severity::Error,
-                    "Mission refused: the vehicle does not answer",
-                );
-                if let Some(client) = commit.client {
+                if let Some(client) = commit.client.take() {
+                    out.text(
+                        Severity::Error,
+                        "Mission not stored: the vehicle does not answer",
+                    );
                     ack(client, mission_result::ERROR, commit.mission_type, 0, out);
                 }
-                self.change = Change::None;
             }
             Change::Committing(_) | Change::None => {}
         }
@@ -629,7 +629,7 @@ impl MissionService {
         match &self.change {
             Change::None => false,
             Change::Receiving(upload) => upload.client.address != from.address,
-            Change::Committing(commit) => commit.client.is_none_or(|c| c.address != from.address),
+            Change::Committing(commit) => commit.client.is_some_and(|c| c.address != from.address),
         }
     }
 }

@@ -14,6 +14,8 @@
 //! | [`out_queue`] | what waits to be sent, bounded |
 
 #[cfg(test)]
+mod any_message;
+#[cfg(test)]
 mod bench;
 pub mod command;
 pub mod convert;

@@ -191,7 +191,7 @@ impl ParamService {
         }
         out.documents.push_back(Document {
             name: DOCUMENT,
-            bytes: settings.to_toml(Origin::Stored).into_bytes(),
+            bytes: settings.stored_toml().into_bytes(),
         });
         Ok(value)
     }

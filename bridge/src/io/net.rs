@@ -249,9 +249,12 @@ fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
         Endpoint::TcpClient(a) => Ok((Bound::TcpClient(a.clone()), endpoint.to_string())),
         Endpoint::Serial { device, baud } => {
             // Opened once here so that a wrong name is told at once; the thread opens it for good.
-            tokio_serial::new(device, *baud)
-                .open()
-                .map_err(|e| failed(io::Error::other(e)))?;
+            tokio_serial::new(device, *baud).open().map_err(|e| {
+                failed(io::Error::other(format!(
+                    "{}: check the name and the cable",
+                    e.description
+                )))
+            })?;
             Ok((
                 Bound::Serial {
                     device: device.clone(),

@@ -16,6 +16,8 @@ const EVADE_MPS: f64 = 1.2;
 const EVADE_PERIOD_S: f64 = 0.08;
 /// Whoever is new is looked at this long, to learn whether they walk, s.
 const NEW_S: f64 = 1.5;
+/// The nose looks around for this long after somebody was seen, s.
+const LOOK_AFTER_S: f64 = 5.0;
 /// Where somebody will be when the nose has turned.
 const LOOK_LEAD: core::time::Duration = core::time::Duration::from_millis(300);
 /// People nearer than this are kept in sight, m.
@@ -45,7 +47,7 @@ impl Navigator {
         if let Some(heading) = goal.heading {
             self.kept_yaw_rad = heading;
         }
-        // Somebody new or walking is kept in sight; else the nose swings through the gaps.
+        // Somebody new or walking is kept in sight; else, for a while, the nose swings through the gaps.
         let heading = match self.turn_to_somebody(now, nav, here) {
             Some(turn) => wrap_pi(nav.yaw_rad() + turn),
             None => wrap_pi(self.kept_yaw_rad + self.swing(now)),
@@ -64,9 +66,14 @@ impl Navigator {
         }
     }
 
-    /// The nose's swing while hovering, rad: only for a ring with gaps.
+    /// The nose's swing while hovering, rad: only for a ring with gaps, and only while somebody was about lately. A pilot
+    /// expects a steady heading.
     fn swing(&self, now: Timestamp) -> f64 {
-        if !self.params.evade || !self.coverage.has_gaps(now) {
+        let somebody_about = self
+            .tracker
+            .last_alarm()
+            .is_some_and(|t| now.seconds_since(t) < LOOK_AFTER_S);
+        if !self.params.evade || !somebody_about || !self.coverage.has_gaps(now) {
             return 0.0;
         }
         self.params.look_deg.to_radians() * libm::sin(TAU * now.s() / self.params.look_period_s)
@@ -81,7 +88,7 @@ impl Navigator {
             .tracker
             .tracks()
             .iter()
-            .filter(|t| t.has_walked() || t.is_newer_than(now, NEW_S))
+            .filter(|t| t.has_walked() || (t.is_confirmed() && t.is_newer_than(now, NEW_S)))
             .map(|t| t.position_at(now + LOOK_LEAD) - xy(here))
             .filter(|d| d.norm() < LOOK_M)
             .min_by(|a, b| a.norm().total_cmp(&b.norm()))?;

@@ -35,7 +35,7 @@ impl Navigator {
             self.look_around(now, here, nav);
         }
         let mut v = xy(self.anchor.vector_to_map(desired));
-        v = self.not_faster_than_seen(now, nav, v, desired);
+        v = self.not_faster_than_seen(now, v, desired);
         let stop_m = self.radius_m + self.vfh.manual_stop_m;
         if place_known {
             v = self.held_back_by_all(v, stop_m);
@@ -101,13 +101,12 @@ impl Navigator {
     fn not_faster_than_seen(
         &self,
         now: Timestamp,
-        nav: &NavState,
         v: Vector2<f64>,
         desired: In<Ned>,
     ) -> Vector2<f64> {
         let speed = v.norm();
-        let bearing = libm::atan2(desired.y(), desired.x()) - nav.yaw_rad();
-        if speed > self.vfh.blind_mps && !self.coverage.sees(now, bearing) {
+        let direction = libm::atan2(desired.y(), desired.x());
+        if speed > self.vfh.blind_mps && !self.coverage.knows(now, direction) {
             v * (self.vfh.blind_mps / speed)
         } else {
             v

@@ -337,7 +337,8 @@ impl Navigator {
             around.add_walls(&self.walls);
         }
         around.add_cells(&self.grid, now);
-        for echo in self.recent.fresh(now).filter_map(|r| r.unexplained) {
+        let believed = self.recent.fresh(now).filter(|r| r.is_supported);
+        for echo in believed.filter_map(|r| r.unexplained) {
             around.add_echo(echo);
         }
         for somebody in self.tracker.tracks().iter().filter(|t| t.is_confirmed()) {

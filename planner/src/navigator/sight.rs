@@ -1,7 +1,7 @@
 //! What the rangers say: free cells, returns that the plan explains, returns it does not.
 
 use super::Navigator;
-use crate::tracks::{Ray, Rays};
+use crate::tracks::{Ray, Rays, WIDE_RAD};
 use arrayvec::ArrayVec;
 use nalgebra::Vector2;
 use vehicle::sample::{Beam, MAX_BEAMS};
@@ -20,9 +20,18 @@ pub(super) const RECENT_S: f64 = 0.5;
 /// A return counts as the plan's wall within this distance of it, plus a share of the range, m.
 const EXPLAINED_M: f64 = 0.12;
 const EXPLAINED_SHARE: f64 = 0.03;
-
-/// Cones wider than this (half, rad) do not tell where on their front a return came from.
-const WIDE_RAD: f64 = 0.06;
+/// Error of the heading that is allowed for besides its own deviation, rad: mounting, latency.
+const BEARING_RAD: f64 = 0.02;
+/// A ray that comes so close to a wall of the plan and goes on has gone through it: a long reading, m.
+const THROUGH_M: f64 = 0.02;
+/// Rays are followed on the plan this far, m.
+const OPEN_MAX_M: f64 = 6.0;
+/// A return is believed when others lie this close to it, m, in the same scan or shortly before: single readings are
+/// often short.
+const SUPPORT_M: f64 = 0.2;
+/// How many others, and for how long they speak, s: columns of a multizone ranger; slow wide cones, which never lie.
+const SUPPORT: (usize, f64) = (2, 0.25);
+const SUPPORT_WIDE: (usize, f64) = (1, 0.6);
 
 /// The last returns. While the place on the plan is not known they are all there is to brake for; while it is known, what
 /// the plan does not explain is braked for at once, before the grid is sure and whatever it is taken for.
@@ -38,6 +47,8 @@ pub(super) struct Return {
     pub(super) offset: In<Ned>,
     /// Where it is on the plan, if the place was known and the plan does not explain it.
     pub(super) unexplained: Option<In<Map>>,
+    /// Others say the same.
+    pub(super) is_supported: bool,
 }
 
 impl RecentReturns {
@@ -50,6 +61,39 @@ impl RecentReturns {
         self.returns
             .iter()
             .filter(move |r| now.seconds_since(r.at) < RECENT_S)
+    }
+
+    /// How many unexplained returns of the last `within_s` lie beside a point.
+    fn beside(&self, p: Vector2<f64>, at: Timestamp, within_s: f64) -> usize {
+        self.returns
+            .iter()
+            .filter(|r| at.seconds_since(r.at) < within_s)
+            .filter_map(|r| r.unexplained)
+            .filter(|u| (Vector2::new(u.x(), u.y()) - p).norm() < SUPPORT_M)
+            .count()
+    }
+
+    /// Marks the returns of a scan that others support.
+    fn mark_supported(&mut self, at: Timestamp, rays: &Rays) {
+        for i in 0..self.returns.len() {
+            let Some(p) = self.returns[i].unexplained else {
+                continue;
+            };
+            if self.returns[i].at == at {
+                let p = Vector2::new(p.x(), p.y());
+                self.returns[i].is_supported = rays
+                    .iter()
+                    .find(|r| r.unexplained && r.to == p)
+                    .is_some_and(|r| self.supports(r, at));
+            }
+        }
+    }
+
+    /// True if enough other returns lie beside the end of a ray of the newest scan.
+    fn supports(&self, ray: &Ray, at: Timestamp) -> bool {
+        let (others, within_s) = if ray.is_wide() { SUPPORT_WIDE } else { SUPPORT };
+        // Itself is among them.
+        self.beside(ray.to, at, within_s) > others
     }
 
     fn extend(&mut self, r: Option<Return>) {
@@ -87,7 +131,7 @@ impl Navigator {
         };
         let frd_to_ned = Rot::from_roll_pitch_yaw(roll, pitch, yaw - turned);
         let height_m = if nav.health.height { nav.height_m } else { 1.0 };
-        let slack_m = 2.0 * nav.position_std_m.norm_xy().min(0.08);
+        let doubt = Doubt::of(nav);
 
         let mut rays = Rays::new();
         for beam in &scan.beams {
@@ -95,11 +139,12 @@ impl Navigator {
                 continue;
             };
             self.coverage
-                .mark(scan.at, beam.bearing_rad, beam.half_cone_rad);
+                .mark(scan.at, beam.bearing_rad, beam.half_cone_rad, yaw - turned);
             let mut echo = look.is_return.then_some(Return {
                 at: scan.at,
                 offset: look.to,
                 unexplained: None,
+                is_supported: false,
             });
             if !place_known {
                 self.recent.extend(echo);
@@ -107,7 +152,7 @@ impl Navigator {
             }
             let from = self.anchor.to_map(position + look.from);
             let to = self.anchor.to_map(position + look.to);
-            let explained = look.is_return && self.is_wall(from, to, beam.half_cone_rad, slack_m);
+            let explained = look.is_return && self.is_wall(from, to, beam.half_cone_rad, doubt);
             if let Some(echo) = &mut echo {
                 echo.unexplained = (!explained).then_some(to);
             }
@@ -117,12 +162,14 @@ impl Navigator {
                 from: Vector2::new(from.x(), from.y()),
                 to: Vector2::new(to.x(), to.y()),
                 unexplained: look.is_return && !explained,
-                is_wide: beam.half_cone_rad > WIDE_RAD,
+                open_m: self.open_m(from, to),
+                half_cone_rad: beam.half_cone_rad,
             });
         }
         if !place_known {
             return;
         }
+        self.recent.mark_supported(scan.at, &rays);
         let here = self.anchor.to_map(position);
         let eye = Vector2::new(here.x(), here.y());
         self.tracker
@@ -130,7 +177,8 @@ impl Navigator {
         for ray in rays.iter().filter(|r| r.unexplained) {
             // Somebody walking is followed, not drawn: a trail would block the way behind them. A wide cone cannot tell
             // them from a wall flown along, so what it sees is drawn in any case.
-            if ray.is_wide || !self.is_walking(scan.at, ray.to) {
+            let believed = self.recent.supports(ray, scan.at);
+            if believed && (ray.is_wide() || !self.is_walking(scan.at, ray.to)) {
                 self.grid.add_hit(In::new(ray.to.x, ray.to.y, 0.0), scan.at);
             }
         }
@@ -144,23 +192,60 @@ impl Navigator {
             .any(|t| t.is_moving() && (t.position_at(at) - p).norm() < reach)
     }
 
-    /// True if the plan's wall explains a return: near its end, or, for a wide cone, anywhere on its front.
-    fn is_wall(&self, from: In<Map>, to: In<Map>, half_cone_rad: f64, slack_m: f64) -> bool {
+    /// True if the plan explains a return: a wall is near its end, within the errors of place and heading (for a wide cone,
+    /// anywhere on its front), or the ray has gone through one.
+    fn is_wall(&self, from: In<Map>, to: In<Map>, half_cone_rad: f64, doubt: Doubt) -> bool {
         let (dx, dy) = (to.x() - from.x(), to.y() - from.y());
         let range_m = libm::hypot(dx, dy);
-        let near = EXPLAINED_M + slack_m + EXPLAINED_SHARE * range_m;
+        let near = EXPLAINED_M + doubt.place_m + EXPLAINED_SHARE * range_m;
+        let is_wide = half_cone_rad > WIDE_RAD;
+        let reach_rad = doubt.bearing_rad + if is_wide { half_cone_rad } else { 0.0 };
         let at_angle = |a: f64| {
             let (s, c) = (libm::sin(a), libm::cos(a));
             let p = In::new(from.x() + dx * c - dy * s, from.y() + dx * s + dy * c, 0.0);
             self.wall_distance.at(p) < near
         };
-        if at_angle(0.0) {
-            return true;
+        [0.0, -1.0, 1.0, -0.5, 0.5]
+            .iter()
+            .any(|k| at_angle(k * reach_rad))
+            || self.open_m(from, to) < range_m
+    }
+
+    /// How far the plan leaves the way open from a point in the direction of another, m.
+    fn open_m(&self, from: In<Map>, towards: In<Map>) -> f64 {
+        let way = towards - from;
+        let unit = way * (1.0 / way.norm_xy().max(1e-6));
+        let mut along_m = 0.0;
+        while along_m < OPEN_MAX_M {
+            let clear_m = self.wall_distance.at((from + unit * along_m).with_z(0.0));
+            if clear_m < THROUGH_M {
+                return along_m;
+            }
+            along_m += clear_m;
         }
-        half_cone_rad > WIDE_RAD
-            && [-1.0, -0.5, 0.5, 1.0]
-                .iter()
-                .any(|k| at_angle(k * half_cone_rad))
+        OPEN_MAX_M
+    }
+}
+
+/// How wrong the pose may be.
+#[derive(Clone, Copy, Debug)]
+struct Doubt {
+    place_m: f64,
+    bearing_rad: f64,
+}
+
+impl Doubt {
+    /// Two deviations, within limits: who doubts everything sees nobody.
+    fn of(nav: &NavState) -> Self {
+        let yaw_std = if nav.yaw_std_rad.is_finite() {
+            nav.yaw_std_rad
+        } else {
+            0.0
+        };
+        Self {
+            place_m: 2.0 * nav.position_std_m.norm_xy().min(0.08),
+            bearing_rad: BEARING_RAD + 2.0 * yaw_std.min(0.02),
+        }
     }
 }
 

@@ -74,7 +74,7 @@ impl Navigator {
             return s;
         };
         let unit = Vector2::new(libm::cos(chosen), libm::sin(chosen));
-        let speed = self.speed(now, nav, goal, unit, &pull, left_m);
+        let speed = self.speed(now, goal, unit, &pull, left_m);
         let bent = shortest_turn(chosen, target_rad).abs() > 10_f64.to_radians();
         Steering {
             setpoint: Setpoint::Velocity {
@@ -96,7 +96,6 @@ impl Navigator {
     fn speed(
         &self,
         now: Timestamp,
-        nav: &NavState,
         goal: &Goal,
         unit: Vector2<f64>,
         pull: &Pull,
@@ -113,8 +112,7 @@ impl Navigator {
         if !self.vfh.enabled {
             return speed;
         }
-        let bearing = self.anchor.yaw_to_ned(chosen_rad) - nav.yaw_rad();
-        if !self.coverage.sees(now, bearing) {
+        if !self.coverage.knows(now, self.anchor.yaw_to_ned(chosen_rad)) {
             speed = speed.min(self.vfh.blind_mps);
         }
         let corridor = self.radius_m + CORRIDOR_SLACK_M;

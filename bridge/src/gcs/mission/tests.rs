@@ -672,10 +672,19 @@ fn a_vehicle_that_does_not_answer_is_an_error_not_a_wait_for_ever() {
     let mut v = Vehicle::new(None);
     v.take(A, count(1));
     v.take(A, int(&waypoint(0, 1.0, 1.0)));
-    v.out.asked();
+    let late = v.out.asked().remove(0);
     v.said();
     v.tick(2000);
     assert_eq!(v.acks(), [(245, mission_result::ERROR)]);
+    v.tick(2000);
+    assert!(v.acks().is_empty());
+    let yes = answer(&late, Outcome::Accepted);
+    assert!(v.service.answer(v.now, &yes, &v.bench.ctx(), &mut v.out));
+    assert_eq!(
+        v.service.items().len(),
+        1,
+        "what the vehicle flies is what is stored"
+    );
 }
 
 /// An empty room of 10 m by 10 m with a wall around it.

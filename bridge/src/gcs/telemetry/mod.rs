@@ -40,6 +40,8 @@ use vehicle::{In, Ned, Timestamp};
 
 /// Shortest interval that may be asked for, us (500 Hz).
 pub const MIN_INTERVAL_US: i32 = 2_000;
+/// Time between two CURRENT_MODE for a station that knows standard modes, us.
+const CURRENT_MODE_PERIOD_US: i32 = 2_000_000;
 /// First beats of a new link are spread, so that not everything goes out in one millisecond.
 const STAGGER_US: u64 = 7_000;
 
@@ -424,12 +426,16 @@ impl Streams for Telemetry {
     fn request(
         &mut self,
         now: Timestamp,
-        _from: Peer,
+        from: Peer,
         id: u32,
         param2: f32,
         ctx: &Context<'_>,
         out: &mut Outbox,
     ) -> u8 {
+        if id == AVAILABLE_MODES && self.interval(from.link, CURRENT_MODE) == -1 {
+            // Known id, allowed interval.
+            let _ = Self::set_interval(self, now, from.link, CURRENT_MODE, CURRENT_MODE_PERIOD_US);
+        }
         match Self::request(self, now, Destination::All, id, param2, ctx, out) {
             Ok(()) => result::ACCEPTED,
             Err(refusal) => refusal.result(),

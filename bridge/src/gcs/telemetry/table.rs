@@ -75,7 +75,8 @@ pub(super) const TABLE: &[Row] = &[
     row(330, 5.0, ranges::obstacle_distance),
     row(331, 10.0, pose::odometry),
     row(AVAILABLE_MODES, 0.0, identity::available_modes),
-    row(CURRENT_MODE, 0.5, status::current_mode),
+    // Begins on a link where somebody asks for AVAILABLE_MODES: older dialects count an id they do not know as a lost frame.
+    row(CURRENT_MODE, 0.0, status::current_mode),
 ];
 
 /// Place of a message in the table.

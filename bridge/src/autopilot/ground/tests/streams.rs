@@ -84,7 +84,15 @@ fn intervals_that_would_hurt_are_refused() {
 fn what_changes_is_told_at_once() {
     let mut bench = Bench::with_link();
     bench.show(localized);
+    bench.run_for(10_000);
+    assert_eq!(
+        bench.count_of(A, 436),
+        0,
+        "not to those who may not know it"
+    );
+    bench.command(512, 435.0, 0.0);
     bench.run_for(10_300);
+    assert_eq!(bench.count_of(A, 436), 6);
     bench.heard.clear();
     bench.show(|s| s.landed = crate::autopilot::door::LandedState::InAir);
     bench.show(|s| s.mission.seq = 4);
