@@ -262,10 +262,8 @@ impl GroundStation {
                     self.send(&item);
                 }
             }
-            Message::Raw(R::MISSION_ACK(ack)) => {
-                if self.upload.take().is_some() {
-                    self.replies.push_back(Reply::Upload(ack.mavtype));
-                }
+            Message::Raw(R::MISSION_ACK(ack)) if self.upload.take().is_some() => {
+                self.replies.push_back(Reply::Upload(ack.mavtype));
             }
             Message::Raw(R::STATUSTEXT(text)) => {
                 let words = text.text.to_str().unwrap_or_default();

@@ -1,5 +1,7 @@
 //! The loops closed around an independent vehicle: dead time 60 ms, sticks at 40 Hz.
 
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
+
 mod plant;
 
 use control::{ControlParams, Controller, Hold, Phase};

@@ -1,4 +1,6 @@
 //! Localization on recorded flights.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,

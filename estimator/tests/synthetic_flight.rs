@@ -1,4 +1,6 @@
 //! The whole estimator on synthetic flights with known truth.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,

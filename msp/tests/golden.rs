@@ -3,6 +3,8 @@
 //!
 //! The corpus is not part of the repository: `KESTREL_DATA` names the folder that holds
 //! `msp/frames.jsonl` and `msp/streams.jsonl`; without it the tests say that they are skipped.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 use msp::frame::{Accept, Decoder, Direction, Framing, Resync};

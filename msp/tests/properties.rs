@@ -1,4 +1,6 @@
 //! Properties of the codec: nothing panics, everything that was encoded is found again.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 use msp::client::{Client, Config};

@@ -16,6 +16,8 @@ const STEP_S: f64 = 0.1;
 const DEAD_TIME_S: f64 = 0.2;
 const LAG_S: f64 = 0.3;
 const ACCEL_MPS2: f64 = 2.0;
+/// Whoever came into sight less than this long ago may be walking, s.
+const NEW_S: f64 = 1.0;
 /// Candidate places: on circles around the vehicle.
 const DIRECTIONS: usize = 16;
 const DISTANCES_M: [f64; 5] = [0.25, 0.5, 0.8, 1.1, 1.5];
@@ -131,8 +133,8 @@ impl People {
             .map(|t| Person {
                 place: t.position_at(scene.now),
                 velocity: t.significant_velocity(),
-                // What has never walked is furniture: it will not take a step.
-                keep_m: if t.has_walked() {
+                // What has never walked is furniture: it will not take a step. What has just come into sight may.
+                keep_m: if t.has_walked() || t.is_newer_than(scene.now, NEW_S) {
                     scene.keep_m
                 } else {
                     scene.least_m

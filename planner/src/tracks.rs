@@ -42,9 +42,11 @@ const NEW_STD: (f64, f64) = (0.15, 0.7);
 /// and by fewer or by wide cones, which say less.
 const CONFIRM_HITS: u32 = 3;
 const CONFIRM_HITS_THIN: u32 = 4;
-/// The same for returns that end before this share of the way to the plan's wall: short readings lose less than half.
+/// The same for returns so near that no short reading of the wall behind explains them: those lose up to half of the way
+/// and a little more.
 const CONFIRM_HITS_NEAR: u32 = 2;
-const SHORT_SHARE: f64 = 0.42;
+const SHORT_SHARE: f64 = 0.5;
+const SHORT_M: f64 = 0.2;
 const CONFIRM_OF: u32 = 5;
 /// Faster than this is no person but noise, m/s.
 const FASTEST_MPS: f64 = 2.0;
@@ -95,7 +97,7 @@ impl Ray {
 
     /// A return so near that no short reading of the wall behind explains it.
     fn is_beyond_doubt(&self) -> bool {
-        self.length_m() < SHORT_SHARE * self.open_m
+        self.length_m() < SHORT_SHARE * self.open_m - SHORT_M
     }
 
     /// True if another ray is the next column of the same sensor (or the one after a column that failed).
@@ -316,7 +318,7 @@ impl Tracker {
             let face = group.face(rays);
             let centre = group.centre(eye, rays, person_radius_m);
             let is_strong =
-                group.fills_a_person(rays, face.columns, (centre - eye).norm(), person_radius_m);
+                group.fills_a_person(rays, &face, (centre - eye).norm(), person_radius_m);
             let needed = match (face.is_beyond_doubt, is_wide || face.columns < 3) {
                 (true, _) => CONFIRM_HITS_NEAR,
                 (false, true) => CONFIRM_HITS_THIN,
@@ -359,7 +361,8 @@ impl Tracker {
                 (track.last_seen, track.seen_through) = (at, 0);
                 track.note(is_strong);
                 track.has_walked |= track.is_confirmed
-                    && (track.is_moving() || (track.position - track.first_place).norm() > WALKED_M);
+                    && (track.is_moving()
+                        || (track.position - track.first_place).norm() > WALKED_M);
                 if track.is_moving() || track.is_confirmed != was_confirmed {
                     self.last_alarm = Some(at);
                 }
@@ -512,14 +515,8 @@ impl Group {
     }
 
     /// True if the group fills most of the columns that a person would fill there. At the edge of a sensor's field, where
-    /// only a part can be seen, two columns do; a ranger with a single beam has nothing better.
-    fn fills_a_person(
-        &self,
-        rays: &Rays,
-        columns: usize,
-        distance_m: f64,
-        radius_m: f64,
-    ) -> bool {
+    /// only a part can be seen, two columns do, or one beyond doubt; a ranger with a single beam has nothing better.
+    fn fills_a_person(&self, rays: &Rays, face: &Face, distance_m: f64, radius_m: f64) -> bool {
         let first = &rays[self.first];
         let least = match (self.neighbours(rays), self.first == self.end) {
             _ if first.is_wide() => 1.0,
@@ -529,9 +526,10 @@ impl Group {
                 let filled = half_fan / first.half_cone_rad.max(1e-3);
                 libm::floor(FILLED * filled).clamp(2.0, 4.0)
             }
+            _ if face.is_beyond_doubt => 1.0,
             _ => 2.0,
         };
-        columns as f64 >= least
+        face.columns as f64 >= least
     }
 
     fn add(&mut self, i: usize, p: Vector2<f64>) {

@@ -1,5 +1,7 @@
 //! Flights of the navigator in a flat world of its own: doors, dead ends, people, manual flight.
 
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
+
 mod world;
 
 use planner::{Goal, SteeringState};

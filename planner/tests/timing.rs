@@ -1,5 +1,7 @@
 //! Times of one step, printed: `cargo test -p planner --profile ci --test timing -- --ignored --nocapture`.
 
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
+
 #[allow(dead_code, reason = "every test uses its own part of the world")]
 mod world;
 

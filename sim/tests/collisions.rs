@@ -1,4 +1,6 @@
 //! Walls stop, people push, vehicles see and hit each other, and nothing ever ends up inside a wall.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,

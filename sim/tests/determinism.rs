@@ -1,4 +1,6 @@
 //! Whole-simulator properties: same seed, same bits; streams that do not disturb each other; speed.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,

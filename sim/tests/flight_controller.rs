@@ -1,4 +1,6 @@
 //! The fake flight controller's manners, seen from the end of its wire.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,

@@ -1,4 +1,6 @@
 //! What the simulated sensors do beside the table each follows: noise, drop-outs, delay. Run with `--nocapture` to read it.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,

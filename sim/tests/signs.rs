@@ -1,4 +1,6 @@
 //! Every axis against the truth, in numbers a human can check. North is up on the plan, home faces north in the office.
+
+#![allow(clippy::disallowed_methods, reason = "a test is no core")]
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,

@@ -1,5 +1,11 @@
 //! What happens when something falls silent.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use bridge::autopilot::mode::Mode;
 use flight_tests::Scenario;
 use sim::Fault;

@@ -1,5 +1,11 @@
 //! Arming, take-off, hovering, landing.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use flight_tests::{Scenario, modes};
 use sim::Walker;
 use std::time::Duration;

@@ -1,5 +1,11 @@
 //! Go-to, off-board, sticks and keys, judged by truth.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use flight_tests::{Flight, Scenario, modes};
 use mavlink_dialect::{raw, standard};
 

@@ -1,5 +1,11 @@
 //! The same seed is the same flight, to the bit.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use flight_tests::Scenario;
 
 #[test]

@@ -1,5 +1,11 @@
 //! `--start unknown`: take off, turn once, find the place; claim nothing that is not true.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use flight_tests::{Scenario, modes};
 use vehicle::LocalizationState;
 use vehicle::MapPose;

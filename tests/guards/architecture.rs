@@ -1,5 +1,11 @@
 //! The invariants of ARCHITECTURE.md that a test can hold.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -217,7 +223,9 @@ fn the_truth_of_the_simulator_is_read_only_to_write_it_down() {
 fn only_the_supervisor_clears_sticks_and_only_the_arbiter_orders() {
     for (path, text) in sources("bridge/src") {
         for line in code(&text) {
-            let makes = line.split(|c: char| !c.is_alphanumeric() && c != '(').any(|w| w.starts_with("Cleared("));
+            let makes = line
+                .split(|c: char| !c.is_alphanumeric() && c != '(')
+                .any(|w| w.starts_with("Cleared("));
             assert!(!makes || path.ends_with("supervisor.rs"), "{path}: {line}");
         }
     }

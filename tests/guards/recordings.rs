@@ -1,5 +1,11 @@
 //! Our conversions against recordings of real firmware.
 
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
 use bridge::fc::convert::Convert;
 use msp::firmware::Firmware;
 use msp::message::{Attitude, Message as _, RawImu};

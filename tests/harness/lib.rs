@@ -261,6 +261,10 @@ impl Flight {
     }
 
     /// With KESTREL_TRACE set: truth beside belief, twice a second.
+    #[expect(
+        clippy::print_stdout,
+        reason = "asked for by the person at the terminal"
+    )]
     fn trace(&self) {
         if !self.rows.len().is_multiple_of(25) || std::env::var_os("KESTREL_TRACE").is_none() {
             return;

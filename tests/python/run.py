@@ -54,7 +54,9 @@ def run_here(name):
         settle()
     except BaseException as error:  # whatever it is, it is the result
         settle(error)
-        verdict, text = "FAILED", traceback.format_exc()
+        # An assertion without words is named by its source line.
+        headline = (str(error).splitlines() or [traceback.extract_tb(error.__traceback__)[-1].line])[0]
+        verdict, text = "FAILED", f"{headline}\n{traceback.format_exc()}"
     print(MARK + json.dumps({"verdict": verdict, "text": text}), flush=True)
     # MAVSDK's threads must not keep a finished test alive.
     os._exit(0)
@@ -107,7 +109,7 @@ def main():
 
     failed = [r for r in results if r["verdict"] == "FAILED"]
     for r in failed:
-        print(f"\n--- {r['name']}\n{r['text'].rstrip()}")
+        print(f"\n--- {r['name']}\n{r['text'].rstrip().partition(chr(10))[2]}")
     if arguments.json:
         Path(arguments.json).write_text(json.dumps(results, indent=1))
     count = {verdict: sum(r["verdict"] == verdict for r in results) for verdict in ("ok", "FAILED", "SKIPPED")}
@@ -119,14 +121,8 @@ def run_and_tell(name):
     """Runs one test and prints its line at once."""
     result = run_apart(name)
     lines = result["text"].strip().splitlines() or [""]
-    if result["verdict"] == "FAILED":
-        # The line of the exception itself; notes (how to repeat) follow it, indented or prefixed by two blanks.
-        what = [line for line in lines if line[:1] not in (" ", "", "|")]
-        text = what[-1] if what else lines[-1]
-        text = text.removeprefix("AssertionError: ")
-    else:
-        text = " | ".join(lines)
-    print(f"{result['verdict']:8}{name:48}{result['seconds']:7.1f} s  {text[:400]}", flush=True)
+    text = lines[0] if result["verdict"] == "FAILED" else " | ".join(lines)
+    print(f"{result['verdict']:8}{name:70}{result['seconds']:7.1f} s  {text[:400]}", flush=True)
     return result
 
 

@@ -76,7 +76,7 @@ def campaign(rangers):
 def test_tof32_mission_through_doors():
     """Rows 4 and 5, tof32: every flight good; mean <= 0.08 m, 95th percentile <= 0.16 m, yaw RMS <= 3 degrees."""
     wanted, flights, pooled, figures, bad = campaign("tof32")
-    assert sum(f.is_good for f in flights) == wanted, f"{bad}\n{figures}"
+    assert sum(f.is_good for f in flights) == wanted, f"{figures}\n{bad}"
     assert pooled.mean_m <= 0.08 and pooled.p95_m <= 0.16 and pooled.yaw_rms_deg <= 3.0, figures
     return figures
 
@@ -84,8 +84,8 @@ def test_tof32_mission_through_doors():
 def test_sonar8_mission_through_doors():
     """Rows 4 and 5, sonar8: no contact, 18 of 20 good; mean <= 0.15 m."""
     wanted, flights, pooled, figures, bad = campaign("sonar8")
-    assert sum(f.contacts for f in flights) == 0 and len(flights) >= math.ceil(0.9 * wanted), f"{bad}\n{figures}"
-    assert sum(f.is_good for f in flights) >= math.ceil(0.9 * wanted), f"{bad}\n{figures}"
+    assert sum(f.contacts for f in flights) == 0 and len(flights) >= math.ceil(0.9 * wanted), f"{figures}\n{bad}"
+    assert sum(f.is_good for f in flights) >= math.ceil(0.9 * wanted), f"{figures}\n{bad}"
     assert pooled.mean_m <= 0.15, figures
     return figures
 
@@ -171,10 +171,10 @@ def test_start_unknown():
         f"contacts {sum(f.contacts for f in flights)}"
         + (f", localized after mean {mean(times):.1f} s, longest {max(times):.1f} s" if times else "")
     )
-    assert not any(f.wrong for f in flights), f"{details}\n{figures}"
-    assert right >= math.ceil(0.9 * len(wanted)), f"{details}\n{figures}"
-    assert all(f.is_honest for f in flights), f"{details}\n{figures}"
-    assert sum(f.contacts for f in flights) == 0, f"{details}\n{figures}"
+    assert not any(f.wrong for f in flights), f"{figures}\n{details}"
+    assert right >= math.ceil(0.9 * len(wanted)), f"{figures}\n{details}"
+    assert all(f.is_honest for f in flights), f"{figures}\n{details}"
+    assert sum(f.contacts for f in flights) == 0, f"{figures}\n{details}"
     return figures
 
 

@@ -408,7 +408,7 @@ mod tests {
         assert_abs_diff_eq!(beams[0].bearing_rad.to_degrees(), -19.6875, epsilon = 1e-9);
         assert_abs_diff_eq!(
             beams[0].distance_m.unwrap(),
-            1.0 / 19.6875_f64.to_radians().cos(),
+            1.0 / libm::cos(19.6875_f64.to_radians()),
             epsilon = 1e-12
         );
         assert_abs_diff_eq!(

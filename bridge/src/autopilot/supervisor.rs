@@ -56,6 +56,8 @@ pub struct Row {
     pub when: fn(&Facts<'_>) -> bool,
     /// The mode it asks for; none while it only warns.
     pub action: fn(&Facts<'_>) -> Option<Mode>,
+    /// The pilot is told when its condition ends (not where the answer itself ends it).
+    pub tells_end: bool,
     /// For the documentation.
     pub doc: &'static str,
 }
@@ -69,12 +71,14 @@ pub const TABLE: [Row; 8] = [
         because: Because::EstimatorFailed,
         when: |f| f.is_flying && !f.has_attitude_and_height,
         action: |_| Some(Mode::Land),
+        tells_end: true,
         doc: "attitude or height unknown in the air",
     },
     Row {
         because: Because::NotLocalized,
         when: |f| f.is_flying && f.search_s.is_some_and(|s| s > f.params.search_timeout_s),
         action: |_| Some(Mode::Land),
+        tells_end: false,
         doc: "search flight longer than LOC_SEARCH_T",
     },
     Row {
@@ -86,6 +90,7 @@ pub const TABLE: [Row; 8] = [
                 && !matches!(f.mode, Mode::Stabilized | Mode::Altitude)
         },
         action: |_| Some(Mode::Land),
+        tells_end: true,
         doc: "place unknown in the air for LOC_LOST_T in a mode that needs it",
     },
     Row {
@@ -96,6 +101,7 @@ pub const TABLE: [Row; 8] = [
                 && !matches!(f.mode, Mode::Stabilized | Mode::Altitude)
         },
         action: |_| Some(Mode::Land),
+        tells_end: true,
         doc: "no horizontal range finder for 1 s in a mode that avoids obstacles",
     },
     Row {
@@ -106,6 +112,7 @@ pub const TABLE: [Row; 8] = [
                     .is_some_and(|b| b * 100.0 < f.params.battery_low_percent)
         },
         action: |f| (!matches!(f.mode, Mode::Land | Mode::Return)).then_some(Mode::Return),
+        tells_end: true,
         doc: "battery below BAT_LOW_THR",
     },
     Row {
@@ -122,6 +129,7 @@ pub const TABLE: [Row; 8] = [
             LossAction::Return => Some(Mode::Return),
             LossAction::Land => Some(Mode::Land),
         },
+        tells_end: true,
         doc: "no ground station heartbeat for COM_DL_LOSS_T (only if one was ever heard)",
     },
     Row {
@@ -130,6 +138,7 @@ pub const TABLE: [Row; 8] = [
             f.is_armed && f.mode == Mode::Offboard && f.offboard_silent_s > f.params.offboard_loss_s
         },
         action: |_| Some(Mode::Hold),
+        tells_end: false,
         doc: "mode Offboard without a set point for COM_OF_LOSS_T",
     },
     Row {
@@ -140,6 +149,7 @@ pub const TABLE: [Row; 8] = [
                 && f.manual_silent_s > f.params.manual_loss_s + f.params.manual_hold_s
         },
         action: |_| Some(Mode::Hold),
+        tells_end: false,
         doc: "stick mode without sticks for COM_RC_LOSS_T + KST_MAN_HOLD_T",
     },
 ];
@@ -174,7 +184,7 @@ impl Supervisor {
                     verdict(Verdict::Act(row.because, mode));
                 }
             }
-            if *firing && !fires {
+            if *firing && !fires && facts.is_flying && row.tells_end {
                 verdict(Verdict::Clear(row.because));
             }
             *firing = fires;

@@ -8,6 +8,7 @@ use anyhow::{Context as _, Result, bail};
 use bridge::gcs::LinkId;
 use bridge::io::clock::Clock;
 use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::net::LinkEvent;
 use bridge::io::truth::Row;
 use bridge::station::{self, GroundStation, Reply};
 use clap::Args;
@@ -82,9 +83,12 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
         lockstep.advance(now + Duration::from_millis(5));
         let now = lockstep.now();
         if let Some(links) = &links {
+            let mut event = clock
+                .as_ref()
+                .map_or_else(|| links.poll(), |clock| links.wait(clock.until(now)));
+            // Bounded: a flood waits in its queue, not in our loop.
             for _ in 0..256 {
-                use bridge::io::net::LinkEvent;
-                match links.poll() {
+                match event {
                     Some(LinkEvent::Up(link)) => lockstep.link_up(link),
                     Some(LinkEvent::Down(link)) => lockstep.link_down(link),
                     Some(LinkEvent::Bytes {
@@ -94,6 +98,7 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
                     }) => lockstep.receive(link, &bytes, is_datagram),
                     None => break,
                 }
+                event = links.poll();
             }
         }
         while let Some(out) = lockstep.poll() {
@@ -121,9 +126,6 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
         terminal.texts(&lockstep.ground, &mut texts_shown);
         if status.is_due(now) && !args.sim.headless {
             terminal.status(lockstep.snapshot(), 1);
-        }
-        if let Some(clock) = &clock {
-            std::thread::sleep(clock.until(now));
         }
     }
     terminal.finish();

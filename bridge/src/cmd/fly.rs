@@ -26,6 +26,8 @@ use vehicle::{Airframe, Pace, RingConfig, Timestamp};
 
 /// How often the door is looked at when no link speaks.
 const LOOK: Duration = Duration::from_millis(2);
+/// A controller that has not said who it is after this is not there.
+const FIRST_ANSWER: Duration = Duration::from_secs(6);
 /// Longest landing before the program ends anyway.
 const LANDING: Duration = Duration::from_secs(30);
 
@@ -157,6 +159,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         terminal,
         clock,
         stop,
+        fc,
         shows_status: !args.headless,
     }
     .run()
@@ -171,6 +174,7 @@ struct GroundLoop {
     terminal: Terminal,
     clock: Clock,
     stop: Stop,
+    fc: Endpoint,
     shows_status: bool,
 }
 
@@ -181,6 +185,7 @@ impl GroundLoop {
         let mut status = Pace::hz(2.0);
         let mut texts_shown = Timestamp::ZERO;
         let mut seen_tick = 0;
+        let mut was_found = false;
         let mut stopping_since: Option<Timestamp> = None;
         loop {
             let mut event = self.links.wait(LOOK);
@@ -225,6 +230,15 @@ impl GroundLoop {
             self.terminal.texts(&self.ground, &mut texts_shown);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(&snapshot, known.len());
+            }
+            was_found |= snapshot.fc.is_connected;
+            if !was_found && now > Timestamp::ZERO + FIRST_ANSWER {
+                self.terminal.finish();
+                anyhow::bail!(
+                    "flight controller {} did not answer MSP within {} s: check the baud rate and that MSP is enabled on that port",
+                    self.fc,
+                    FIRST_ANSWER.as_secs()
+                );
             }
             match (self.stop.count(), stopping_since) {
                 (0, _) => {}

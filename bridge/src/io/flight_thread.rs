@@ -18,6 +18,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use thiserror::Error;
+use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
 const REQUESTS: usize = 256;
@@ -199,6 +200,7 @@ pub fn start(
                 clock,
                 tell,
                 jobs,
+                reopen_at: Timestamp::ZERO,
             };
             flight.handle(clock.now(), Input::FcOpened);
             loop {
@@ -234,6 +236,7 @@ struct Shell {
     clock: Clock,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
+    reopen_at: Timestamp,
 }
 
 impl Shell {
@@ -257,11 +260,13 @@ impl Shell {
 
     fn read_line(&mut self, flight: &mut Flight) {
         let Some(line) = &mut self.line else {
-            if let Ok(line) = Line::open(&self.endpoint) {
-                self.line = Some(line);
-                flight.handle(self.clock.now(), Input::FcOpened);
-            } else {
-                std::thread::sleep(Duration::from_millis(20));
+            let now = self.clock.now();
+            if now >= self.reopen_at {
+                self.reopen_at = now + REOPEN;
+                if let Ok(line) = Line::open(&self.endpoint) {
+                    self.line = Some(line);
+                    flight.handle(now, Input::FcOpened);
+                }
             }
             return;
         };

@@ -39,6 +39,10 @@ pub struct LockstepConfig {
 
 /// What leaves the lockstep.
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would allocate for every frame sent"
+)]
 pub enum Outgoing {
     /// A frame for a link.
     Frame(LinkId, FrameBytes),

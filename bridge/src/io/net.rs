@@ -229,12 +229,18 @@ fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
         Endpoint::UdpServer(a) => {
             let (socket, at) =
                 next_free(resolve(a)?, tries, std::net::UdpSocket::bind).map_err(failed)?;
-            Ok((Bound::UdpServer(socket), format!("udpserver://{at}")))
+            Ok((
+                Bound::UdpServer(socket),
+                format!("udpserver://{at}{}", instead_of(endpoint, at)),
+            ))
         }
         Endpoint::TcpServer(a) => {
             let (socket, at) =
                 next_free(resolve(a)?, tries, std::net::TcpListener::bind).map_err(failed)?;
-            Ok((Bound::TcpServer(socket), format!("tcpserver://{at}")))
+            Ok((
+                Bound::TcpServer(socket),
+                format!("tcpserver://{at}{}", instead_of(endpoint, at)),
+            ))
         }
         Endpoint::UdpClient(a) => {
             let to = resolve(a)?;
@@ -263,6 +269,17 @@ fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
                 endpoint.to_string(),
             ))
         }
+    }
+}
+
+/// Words for a default port that was taken.
+fn instead_of(wanted: &Endpoint, got: SocketAddr) -> String {
+    let wanted = wanted.to_string();
+    if wanted.ends_with(&format!(":{}", got.port())) {
+        String::new()
+    } else {
+        let port = wanted.rsplit(':').next().unwrap_or_default();
+        format!(" (port {port} is in use)")
     }
 }
 

@@ -12,6 +12,7 @@ const FRESH: Duration = Duration::from_secs(1);
 
 /// What a reading completed.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a box would allocate in flight")]
 pub enum Measured {
     /// Beams measured together.
     Scan(RangeScan),

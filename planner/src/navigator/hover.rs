@@ -73,7 +73,8 @@ impl Navigator {
             .tracker
             .last_alarm()
             .is_some_and(|t| now.seconds_since(t) < LOOK_AFTER_S);
-        if !self.params.evade || !somebody_about || !self.coverage.has_gaps(now) {
+        let has_reason = self.params.look_always || (self.params.evade && somebody_about);
+        if !has_reason || !self.coverage.has_gaps(now) {
             return 0.0;
         }
         self.params.look_deg.to_radians() * libm::sin(TAU * now.s() / self.params.look_period_s)

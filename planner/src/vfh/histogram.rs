@@ -202,7 +202,7 @@ mod tests {
             // Snapped to the table, where a quarter turn is exact; axis points sit on sector borders.
             let snap = |v: f64| libm::rint(v / STEP_M) * STEP_M + 0.0;
             // A point under the vehicle itself has no direction.
-            let world: Vec<_> = places.iter().filter(|(x, y)| x.hypot(*y) > 0.1).map(|(x, y)| point(snap(*x), snap(*y))).collect();
+            let world: Vec<_> = places.iter().filter(|(x, y)| libm::hypot(*x, *y) > 0.1).map(|(x, y)| point(snap(*x), snap(*y))).collect();
             let turned: Vec<_> = world.iter().map(|o| point(-o.offset.y, o.offset.x)).collect();
             let (mut a, mut b) = (histogram(), histogram());
             a.update(&world, 10.0);

@@ -250,7 +250,8 @@ mod tests {
         assert!(load("resolution: 1", good()).contains("`image` is missing"));
         assert!(load("image: a\norigin: [0,0,0]", good()).contains("`resolution` is missing"));
         assert!(
-            load("image: a\nresolution: -1\norigin: [0,0,0]", good()).contains("must be positive")
+            load("image: a\nresolution: -1\norigin: [0,0,0]", good())
+                .contains("is outside 0.005..=1")
         );
         assert!(load(YAML, b"not an image".to_vec()).contains("PGM or PNG"));
         assert!(load(YAML, pgm(1, &[0])).contains("no free cell"));

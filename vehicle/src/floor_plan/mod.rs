@@ -27,6 +27,11 @@ use thiserror::Error;
 /// Largest image accepted, pixels.
 pub const MAX_PIXELS: u64 = 64_000_000;
 
+/// Cells accepted, m: finer is noise, coarser is no wall.
+pub const RESOLUTION_M: core::ops::RangeInclusive<f64> = 0.005..=1.0;
+/// Longest side of a plan, m: indoors.
+pub const MAX_SIDE_M: f64 = 500.0;
+
 /// What a cell of the plan is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
@@ -116,10 +121,14 @@ impl FloorPlan {
         origin: [f64; 2],
         cells: Vec<Cell>,
     ) -> Result<Self, PlanError> {
-        if !(resolution_m.is_finite() && resolution_m > 0.0) {
+        if !RESOLUTION_M.contains(&resolution_m) {
             return Err(PlanError::Key {
                 key: "resolution",
-                what: format!("{resolution_m} must be positive"),
+                what: format!(
+                    "{resolution_m} is outside {}..={} m per cell",
+                    RESOLUTION_M.start(),
+                    RESOLUTION_M.end()
+                ),
             });
         }
         if width == 0 || cells.is_empty() || !cells.len().is_multiple_of(width) {
@@ -135,6 +144,15 @@ impl FloorPlan {
             });
         }
         let height = cells.len() / width;
+        let side_m = width.max(height) as f64 * resolution_m;
+        if side_m > MAX_SIDE_M {
+            return Err(PlanError::Key {
+                key: "resolution",
+                what: format!(
+                    "makes the plan {side_m:.0} m long; at most {MAX_SIDE_M} m are accepted"
+                ),
+            });
+        }
         Ok(Self {
             width,
             height,

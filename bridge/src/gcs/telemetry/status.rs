@@ -23,10 +23,15 @@ pub(super) fn sys_status(v: &View<'_>, out: &mut Vec<Message>) {
     let health = s.nav.health;
     let flow_ok = s.flow.is_some_and(|f| f.quality > 0);
     let down_ok = s.down_range.is_some_and(|r| r.distance_m.is_some());
+    // A controller that still calibrates its gyro will not arm: stations that wait for health wait for that.
+    let calibrates =
+        s.fc.block
+            .is_some_and(|b| matches!(&*b.0, "BOOT_GRACE_TIME" | "CALIBRATING"));
+    let imu_ok = health.attitude && s.fc.is_connected && !calibrates;
     // Bit, present, healthy.
     let table = [
-        (Bit::MAV_SYS_STATUS_SENSOR_3D_GYRO, true, health.attitude),
-        (Bit::MAV_SYS_STATUS_SENSOR_3D_ACCEL, true, health.attitude),
+        (Bit::MAV_SYS_STATUS_SENSOR_3D_GYRO, true, imu_ok),
+        (Bit::MAV_SYS_STATUS_SENSOR_3D_ACCEL, true, imu_ok),
         (Bit::MAV_SYS_STATUS_SENSOR_3D_MAG, true, health.position),
         (
             Bit::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
