@@ -7,14 +7,23 @@ use vehicle::airframe::GRAVITY_MPS2;
 const SEARCH_RATE: f64 = 0.3;
 /// Lift is never searched beyond this many weights.
 const SEARCH_MAX: f64 = 1.8;
-/// Lift-off is seen late: by then the lift is this much above the weight (0.3 s of search and the dead time).
-const SEEN_LATE: f64 = 1.1;
+/// Lift-off is seen late: by then the lift is this much above the weight (0.4 s of search and the dead time).
+const SEEN_LATE: f64 = 1.12;
+/// Less lift than this does not leave the floor even with a vehicle much lighter than believed, weights.
+const LEAVE_MIN: f64 = 0.65;
+/// Signs of leaving must last this long, s: height and climb are noisy on the floor, and whoever flies set points while
+/// still standing slides off to one side.
+const LEAVING_S: f64 = 0.08;
 /// A landed vehicle is at most this far above its landed height (estimate error), m.
 const NEAR_M: f64 = 0.1;
 /// A vehicle moving less than this stands, m/s.
 const STILL_MPS: f64 = 0.12;
 /// Standing this long with thrust going down is landed, s.
 const LANDED_S: f64 = 0.7;
+/// A descent passes this last bit in a fraction of a second; who stays in it stands, whatever lift and climb pretend (a
+/// sagging battery lifts less than is asked for, and on the floor the climb is noise), m and s.
+const LAST_BIT_M: f64 = 0.06;
+const LAST_BIT_S: f64 = 0.8;
 /// Thrust is taken back this fast once on the floor, weights per second.
 const RELEASE_RATE: f64 = 1.2;
 /// The floor carries at least this share of the weight when contact is inferred from the accelerometer alone.
@@ -36,6 +45,7 @@ pub struct FloorView {
 pub struct SpoolUp {
     lift: f64,
     started_height_m: Option<f64>,
+    leaving_s: f64,
     lifted_off: bool,
 }
 
@@ -51,14 +61,16 @@ impl SpoolUp {
             SEARCH_RATE
         };
         self.lift = (self.lift + rate * dt_s).min(SEARCH_MAX);
-        self.lifted_off = self.lift > 0.4
+        let leaving = self.lift > LEAVE_MIN
             && match view.height {
                 Some((height_m, climb_mps)) => {
                     let start = *self.started_height_m.get_or_insert(height_m);
-                    height_m > start + 0.06 || (climb_mps > 0.15 && height_m > start + 0.02)
+                    height_m > start + 0.06 || (climb_mps > 0.15 && height_m > start + 0.03)
                 }
                 None => view.felt_mps2 > 1.08 * GRAVITY_MPS2,
             };
+        self.leaving_s = if leaving { self.leaving_s + dt_s } else { 0.0 };
+        self.lifted_off = self.leaving_s >= LEAVING_S;
         self.lift
     }
 
@@ -80,6 +92,7 @@ impl SpoolUp {
 pub struct Touchdown {
     cap: f64,
     standing_s: f64,
+    low_s: f64,
     landed: bool,
 }
 
@@ -88,6 +101,7 @@ impl Default for Touchdown {
         Self {
             cap: f64::INFINITY,
             standing_s: 0.0,
+            low_s: 0.0,
             landed: false,
         }
     }
@@ -103,9 +117,14 @@ impl Touchdown {
         let carried = view.felt_mps2 / GRAVITY_MPS2 - allowed;
         let standing = match view.height {
             Some((height_m, climb_mps)) => {
+                let low = height_m < landed_height_m + LAST_BIT_M;
+                self.low_s = if low { self.low_s + dt_s } else { 0.0 };
                 let still = climb_mps.abs() < STILL_MPS;
                 // Low and still; or not where the floor was expected, yet something carries us.
-                still && lift < 1.0 && (height_m < landed_height_m + NEAR_M || carried > CARRIED)
+                self.low_s > LAST_BIT_S
+                    || still
+                        && lift < 1.0
+                        && (height_m < landed_height_m + NEAR_M || carried > CARRIED)
             }
             // Blind: no longer sinking is a suspicion; taking thrust back proves it, because the floor then carries the
             // difference, while in the air the felt force would go down with the thrust.
@@ -160,6 +179,10 @@ mod tests {
         }
         assert!(!s.lifted_off() && lift > 1.0);
         s.step(&p, DT, &view(0.12, 0.3));
+        assert!(!s.lifted_off(), "a single noisy height is no lift-off");
+        for _ in 0..10 {
+            s.step(&p, DT, &view(0.12, 0.3));
+        }
         assert!(s.lifted_off());
         assert!((s.weight_found() - s.lift / SEEN_LATE).abs() < 1e-9);
     }
@@ -179,6 +202,16 @@ mod tests {
         }
         assert!((f64::from(steps) * DT - LANDED_S).abs() < 0.05);
         assert!(t.step(DT, &view(0.06, 0.0), 0.05, 0.9).abs() < 1e-12);
+    }
+
+    #[test]
+    fn low_for_long_is_landed_though_lift_and_climb_say_otherwise() {
+        let mut t = Touchdown::default();
+        for i in 0..120 {
+            let climb_mps = if i % 2 == 0 { 0.2 } else { -0.2 };
+            t.step(DT, &view(0.07, climb_mps), 0.05, 1.1);
+        }
+        assert!(t.landed());
     }
 
     #[test]

@@ -47,20 +47,19 @@ const CONFIRM_HITS_THIN: u32 = 4;
 const CONFIRM_HITS_NEAR: u32 = 2;
 const SHORT_SHARE: f64 = 0.5;
 const SHORT_M: f64 = 0.2;
-const CONFIRM_OF: u32 = 5;
+const RECENT: u8 = 0b1_1111;
 /// Faster than this is no person but noise, m/s.
 const FASTEST_MPS: f64 = 2.0;
 /// A track that does not count yet is dropped when it was not seen for this long, s: two scans; two firings of a slow cone.
 const TENTATIVE_S: f64 = 0.25;
 const TENTATIVE_WIDE_S: f64 = 0.7;
-/// A track that does not count yet is only continued this near, m: a walker's way between two scans and the noise.
+/// A track that does not count yet is only continued this near, m: a walker's way between two scans and the noise. A
+/// group too thin for a person continues any track only this near.
 const TENTATIVE_GATE_M: f64 = 0.3;
 /// Columns on somebody's near side differ by less than this in range, m; two short readings seldom agree so well.
 const FACE_DEPTH_M: f64 = 0.15;
 /// Share of the columns a person fills that must see them.
 const FILLED: f64 = 0.6;
-/// A group too thin to begin a track still updates one within this distance, m.
-const THIN_GATE_M: f64 = 0.3;
 /// Columns of one sensor lie at most this many spacings apart.
 const NEIGHBOUR: f64 = 1.6;
 /// Slower than this is furniture, m/s.
@@ -200,9 +199,8 @@ impl Track {
     /// A scan has looked there.
     fn note(&mut self, seen_well: bool) {
         self.history = self.history << 1 | u8::from(seen_well);
-        let recent = self.history & ((1 << CONFIRM_OF) - 1);
-        self.is_confirmed |=
-            recent.count_ones() >= self.needed && self.velocity.norm() <= FASTEST_MPS;
+        let often = (self.history & RECENT).count_ones() >= self.needed;
+        self.is_confirmed |= often && self.velocity.norm() <= FASTEST_MPS;
     }
 
     fn lasts(&self, at: Timestamp) -> bool {
@@ -324,10 +322,12 @@ impl Tracker {
                 (false, true) => CONFIRM_HITS_THIN,
                 (false, false) => CONFIRM_HITS,
             };
-            let gate_m = |t: &Track| match (is_strong, t.is_confirmed) {
-                (true, true) => GATE_M + t.place_std_m().min(0.2),
-                (true, false) => TENTATIVE_GATE_M,
-                (false, _) => THIN_GATE_M,
+            let gate_m = |t: &Track| {
+                if is_strong && t.is_confirmed {
+                    GATE_M + t.place_std_m().min(0.2)
+                } else {
+                    TENTATIVE_GATE_M
+                }
             };
             let nearest = self
                 .tracks

@@ -77,7 +77,7 @@ fn gives_way_to_a_person_and_comes_back() {
         f.until("settled", 30.0, |f| f.now().s() > 24.0);
         let target = f.snapshot().nav.position;
         let (mut clearance, mut squares, mut far) = (f64::INFINITY, 0.0, 0u32);
-        let (mut near_until, mut back_at) = (0.0, 0.0);
+        let (mut near_until, mut back_at) = (0.0, None);
         while f.now().s() < 60.0 {
             f.step();
             let person = f.world.simulator.people().next().expect("somebody");
@@ -89,14 +89,14 @@ fn gives_way_to_a_person_and_comes_back() {
                 squares += off * off;
                 far += 1;
             } else {
-                near_until = f.now().s();
+                (near_until, back_at) = (f.now().s(), None);
             }
-            if off > 0.15 {
-                back_at = f.now().s();
+            if off <= 0.15 && back_at.is_none() {
+                back_at = Some(f.now().s());
             }
         }
         let rms = (squares / f64::from(far)).sqrt();
-        let back = back_at - near_until;
+        let back = back_at.unwrap_or(f64::INFINITY) - near_until;
         table += &format!(" {seed:4}  {clearance:11.2}  {rms:9.3}  {back:12.1}\n");
         f.assert(clearance >= 0.2, &format!("clearance {clearance:.2} m"));
         f.assert(rms <= 0.15, &format!("rms {rms:.3} m"));

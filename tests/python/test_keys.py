@@ -189,9 +189,6 @@ def fly_keys(framing, seed):
         assert close(number(console.line("kk"), "mass"), mass - MASS), "kk"
         assert close(number(console.line("0"), "mass"), mass), "0"
 
-        # Back to the middle for the rest.
-        station.go_to(0.0, 0.0, -1.0, within_s=15.0)
-
         # Lines: a word is the word; an unknown letter refuses the whole line; escape sequences and ENTER move nothing.
         before = pilot.setpoint()
         for line in ("8x8", "88?", "\x1b[A", ""):

@@ -472,18 +472,7 @@ impl Arbiter {
         if self.mode.mode != Mode::Hold {
             return Err(Refusal::KeyModeOff);
         }
-        let mut target = match self.hold.target() {
-            Some(target) => target,
-            None => super::modes::hold::Target {
-                position: c.stopping_point(),
-                yaw_rad: c.nav.yaw_rad(),
-            },
-        };
-        let before = target;
-        let report = self.hold.keys.press(c, key, &mut target)?;
-        if target != before {
-            self.hold.hold_at(c, target);
-        }
+        let report = self.hold.press(c, key)?;
         Ok(Outcome::KeyTaken(report))
     }
 
@@ -525,7 +514,7 @@ impl Arbiter {
                     self.enter(c, mode, because);
                     if let (Some(end), Mode::Hold, true) = (climbed_to, mode, c.nav.health.position)
                     {
-                        self.hold.hold_at(c, end);
+                        self.hold.hold_at(c, end, false);
                     }
                 }
                 Wish::Fly(setpoint) => {

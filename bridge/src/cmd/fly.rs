@@ -52,9 +52,9 @@ pub(crate) struct FlyArgs {
     /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
     #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
     rangers: String,
-    /// Keep parameters and mission in this folder.
-    #[arg(long, value_name = "DIR", default_value = "kestrel-state")]
-    state_dir: PathBuf,
+    /// Keep parameters and mission in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
+    #[arg(long, value_name = "DIR")]
+    state_dir: Option<PathBuf>,
     /// Configuration file (TOML).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -92,8 +92,15 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
             RingConfig::from_toml(&text).with_context(|| format!("in {}", args.rangers))?
         }
     };
-    let keep = Keep::in_folder(Some(&args.state_dir))
-        .with_context(|| format!("cannot make the state folder {}", args.state_dir.display()))?;
+    let state_dir = args
+        .state_dir
+        .clone()
+        .or_else(state_folder)
+        .ok_or_else(|| {
+            Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
+        })?;
+    let keep = Keep::in_folder(Some(&state_dir))
+        .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
     let mut settings = settings(args.config.as_deref(), &[])?;
     if let Some(bytes) = keep
         .read("parameters.toml")
@@ -163,6 +170,18 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         shows_status: !args.headless,
     }
     .run()
+}
+
+/// Where a user's programs keep what they must remember (XDG base directories).
+fn state_folder() -> Option<PathBuf> {
+    let folder = |name: &str| {
+        std::env::var_os(name)
+            .filter(|v| !v.is_empty())
+            .map(PathBuf::from)
+    };
+    folder("XDG_STATE_HOME")
+        .or_else(|| folder("HOME").map(|home| home.join(".local/state")))
+        .map(|base| base.join("kestrel"))
 }
 
 /// `Ground` and its links, on the main thread.

@@ -50,7 +50,7 @@ impl Navigator {
         // Somebody new or walking is kept in sight; else, for a while, the nose swings through the gaps.
         let heading = match self.turn_to_somebody(now, nav, here) {
             Some(turn) => wrap_pi(nav.yaw_rad() + turn),
-            None => wrap_pi(self.kept_yaw_rad + self.swing(now)),
+            None => wrap_pi(self.kept_yaw_rad + self.swing(now, goal.heading.is_some())),
         };
         let off = nav.position - goal.position;
         let arrived = off.norm_xy() <= self.params.acceptance_m
@@ -66,14 +66,15 @@ impl Navigator {
         }
     }
 
-    /// The nose's swing while hovering, rad: only for a ring with gaps, and only while somebody was about lately. A pilot
-    /// expects a steady heading.
-    fn swing(&self, now: Timestamp) -> f64 {
+    /// The nose's swing while hovering, rad: only for a ring with gaps. A heading that was asked for is kept, unless somebody
+    /// was about lately.
+    fn swing(&self, now: Timestamp, heading_is_asked: bool) -> f64 {
         let somebody_about = self
             .tracker
             .last_alarm()
             .is_some_and(|t| now.seconds_since(t) < LOOK_AFTER_S);
-        let has_reason = self.params.look_always || (self.params.evade && somebody_about);
+        let has_reason =
+            (self.params.look_always && !heading_is_asked) || (self.params.evade && somebody_about);
         if !has_reason || !self.coverage.has_gaps(now) {
             return 0.0;
         }

@@ -2,7 +2,7 @@
 
 use super::keys::KeyMode;
 use super::{Air, Cockpit, Wish, refusal_of};
-use crate::autopilot::door::{GoTo, Refusal};
+use crate::autopilot::door::{GoTo, Key, KeySetpoint, Refusal};
 use planner::navigator::Goal;
 use vehicle::{Heading, In, Ned};
 
@@ -11,6 +11,8 @@ use vehicle::{Heading, In, Ned};
 pub struct Hold {
     target: Option<Target>,
     down_m: Option<f64>,
+    /// Somebody asked for the heading; else the nose may look around.
+    is_heading_asked: bool,
     /// Manual mode of the key console.
     pub keys: KeyMode,
 }
@@ -33,25 +35,51 @@ impl Hold {
 
     /// Hover wherever it is at the next tick: on entry, and when the estimate jumped.
     pub const fn forget_target(&mut self) {
-        (self.target, self.down_m) = (None, None);
+        (self.target, self.down_m, self.is_heading_asked) = (None, None, false);
     }
 
-    /// Hover here from now on.
+    /// Hover here from now on; the nose may look around.
     pub fn stop(&mut self, c: &mut Cockpit<'_>) {
-        self.hold_at(
-            c,
-            Target {
+        let target = Target {
+            position: c.stopping_point(),
+            yaw_rad: c.nav.yaw_rad(),
+        };
+        self.hold_at(c, target, false);
+    }
+
+    /// Hover there, without a route. A heading that nobody asked for leaves the nose free to look around.
+    pub fn hold_at(&mut self, c: &mut Cockpit<'_>, target: Target, is_heading_asked: bool) {
+        c.navigator.hold(
+            target.position,
+            is_heading_asked.then_some(target.yaw_rad),
+            c.nav,
+        );
+        self.target = Some(target);
+        self.is_heading_asked = is_heading_asked;
+    }
+
+    /// Takes a key of the key console.
+    ///
+    /// # Errors
+    /// Manual mode is off, or the vehicle is not where it counts.
+    pub fn press(&mut self, c: &mut Cockpit<'_>, key: Key) -> Result<KeySetpoint, Refusal> {
+        let mut target = match self.target {
+            Some(target) if self.is_heading_asked => target,
+            // The nose looked around until now: manual mode begins with where it points.
+            Some(target) => Target {
+                yaw_rad: c.nav.yaw_rad(),
+                ..target
+            },
+            None => Target {
                 position: c.stopping_point(),
                 yaw_rad: c.nav.yaw_rad(),
             },
-        );
-    }
-
-    /// Hover there, without a route.
-    pub fn hold_at(&mut self, c: &mut Cockpit<'_>, target: Target) {
-        c.navigator
-            .hold(target.position, Some(target.yaw_rad), c.nav);
-        self.target = Some(target);
+        };
+        let report = self.keys.press(c, key, &mut target)?;
+        if self.keys.is_on() && self.target != Some(target) || !self.is_heading_asked {
+            self.hold_at(c, target, self.keys.is_on());
+        }
+        Ok(report)
     }
 
     /// Fly to a place.
@@ -86,13 +114,11 @@ impl Hold {
         );
         if to.north_m.is_none() && to.east_m.is_none() {
             // Only height or heading: no route is needed.
-            self.hold_at(
-                c,
-                Target {
-                    position,
-                    yaw_rad: to.yaw_rad.unwrap_or(now.yaw_rad),
-                },
-            );
+            let target = Target {
+                position,
+                yaw_rad: to.yaw_rad.unwrap_or(now.yaw_rad),
+            };
+            self.hold_at(c, target, self.is_heading_asked || to.yaw_rad.is_some());
             return Ok(());
         }
         let goal = Goal {
@@ -107,6 +133,7 @@ impl Hold {
             position,
             yaw_rad: to.yaw_rad.unwrap_or_else(|| c.nav.yaw_rad()),
         });
+        self.is_heading_asked = to.yaw_rad.is_some();
         Ok(())
     }
 

@@ -88,7 +88,6 @@ impl KeyMode {
         if !self.is_on {
             return Err(Refusal::KeyModeOff);
         }
-        let before = *target;
         match key {
             Key::Roll(s) => self.roll_rad = lean(self.roll_rad + s.sign() * ANGLE_STEP_RAD),
             Key::NoseDown(s) => {
@@ -112,10 +111,6 @@ impl KeyMode {
                 target.position += along(target.yaw_rad, 0.0, s.sign() * NUDGE_STEP_M)
             }
             Key::ToggleManual | Key::Marker | Key::Escape => {}
-        }
-        if *target != before {
-            c.navigator
-                .hold(target.position, Some(target.yaw_rad), c.nav);
         }
         Ok(self.report(c, target))
     }

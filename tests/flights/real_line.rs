@@ -1,0 +1,113 @@
+//! The flight thread of `kestrel fly` on a real socket: the simulator's flight controller answers at the other end.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    reason = "a real line runs in real time"
+)]
+
+use bridge::autopilot::door::{Asked, Outcome, Refusal, Request, RequestId, Snapshot, Station};
+use bridge::autopilot::flight::{Flight, FlightConfig, Start};
+use bridge::io::clock::Clock;
+use bridge::io::flight_thread::{self, News};
+use bridge::settings::Settings;
+use sim::{Room, SimConfig, SimOutput, Simulator};
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use vehicle::{Airframe, RingConfig, Timestamp};
+
+/// Serves the fake controller's UART on one TCP connection, in real time, until told to stop.
+fn serve(listener: TcpListener, stop: &AtomicBool) {
+    let ring = RingConfig::built_in("tof32").unwrap();
+    let mut sim = Simulator::new(SimConfig::new(Room::named("office").unwrap(), ring, 1)).unwrap();
+    let (mut stream, _) = listener.accept().unwrap();
+    stream.set_nonblocking(true).unwrap();
+    stream.set_nodelay(true).unwrap();
+    let start = Instant::now();
+    let mut buffer = [0u8; 512];
+    while !stop.load(Ordering::Relaxed) {
+        match stream.read(&mut buffer) {
+            Ok(n) => sim.write_fc(0, &buffer[..n]),
+            Err(e) if e.kind() == ErrorKind::WouldBlock => {}
+            Err(_) => return,
+        }
+        let now = Timestamp::from_us(start.elapsed().as_micros() as u64);
+        let mut out = Vec::new();
+        sim.advance(now, &mut |_, output| {
+            if let SimOutput::FcBytes { bytes, .. } = output {
+                out.extend_from_slice(&bytes);
+            }
+        });
+        if stream.write_all(&out).is_err() {
+            return;
+        }
+        std::thread::sleep(Duration::from_micros(500));
+    }
+}
+
+#[test]
+fn a_controller_on_a_socket_is_found_heard_and_not_flown_without_rangers() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let served = Arc::clone(&stop);
+    let server = std::thread::spawn(move || serve(listener, &served));
+
+    let room = Room::named("office").unwrap();
+    let clock = Clock::start(1.0);
+    let flight = Flight::new(
+        clock.now(),
+        FlightConfig {
+            plan: Arc::clone(room.floor_plan()),
+            ring: RingConfig::built_in("tof32").unwrap(),
+            airframe: Airframe::default(),
+            start: Start::Known(room.home()),
+            settings: Settings::default(),
+            seed: 1,
+        },
+    );
+    let endpoint = format!("tcpclient://{address}").parse().unwrap();
+    let handle = flight_thread::start(flight, endpoint, clock).unwrap();
+
+    let mut snapshot = Snapshot::default();
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while !(snapshot.imu.is_some()
+        && snapshot.battery.is_some()
+        && snapshot.fc.block.is_none()
+        && clock.now().s() > 7.0)
+    {
+        assert!(Instant::now() < deadline, "{:?}", snapshot.fc);
+        std::thread::sleep(Duration::from_millis(20));
+        handle.read_snapshot(&mut snapshot);
+    }
+    assert_eq!(&snapshot.fc.variant, b"BTFL");
+    assert!(snapshot.fc.service_rate_hz > 50.0, "{:?}", snapshot.fc);
+    let accel = snapshot.imu.unwrap().accel_mps2;
+    assert!((accel.z() + 9.8).abs() < 0.5, "at rest: {accel:?}");
+
+    let station = Station {
+        system: 255,
+        component: 190,
+    };
+    assert!(handle.ask(Asked {
+        id: RequestId(5),
+        station,
+        request: Request::Arm { force: false }
+    }));
+    let answer = loop {
+        assert!(Instant::now() < deadline, "no answer");
+        if let Some(News::Answer(answer)) = handle.poll() {
+            break answer;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert_eq!(
+        (answer.id, answer.outcome),
+        (RequestId(5), Outcome::Refused(Refusal::NoRangers))
+    );
+    stop.store(true, Ordering::Relaxed);
+    server.join().unwrap();
+}
