@@ -8,6 +8,9 @@ vehicle::params! {
         /// A waypoint counts as reached within this distance (chosen: half the 0.25 m that is promised, the other half is
         /// for the position estimate).
         acceptance_m: float "NAV_ACC_RAD" = 0.12, "m", 0.03..=2.0;
+        /// Largest acceptance radius an item may ask for: stations fill in metres meant for open fields (MAVSDK 1 to 3 m),
+        /// which indoors would count rooms as visited through their walls.
+        acceptance_max_m: float "NAV_ACC_MAX" = 0.2, "m", 0.05..=5.0;
         /// Height error within which a waypoint or take-off counts as reached.
         acceptance_alt_m: float "NAV_MC_ALT_RAD" = 0.15, "m", 0.05..=1.0;
         /// Heading error within which a commanded heading counts as reached.

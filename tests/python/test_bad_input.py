@@ -307,7 +307,7 @@ def test_offboard_stream_that_stops_leads_to_hold():
         station.land()
     truth = kestrel.truth()
     rest = truth.between(stopped + 3.0, stopped + 5.0)
-    drift = max(math.dist((s.x, s.y), (rest.first.x, rest.first.y)) for s in rest.samples)
+    drift = rest.spread()
     assert truth.at(stopped).x > 0.3, f"did not follow the stream: {truth.at(stopped).x:.2f} m north"
     assert drift < 0.15 and truth.contacts() == 0, f"drifts {drift:.2f} m"
     return f"Hold {took:.2f} s after the last set point"

@@ -151,7 +151,7 @@ def test_connect_arm_takeoff_goto_hold_shell_land():
     goto = math.dist((truth.at(arrived).x, truth.at(arrived).y, truth.at(arrived).z), (1.0, 1.2, -1.0))
     turned = abs(wrap(truth.at(arrived).yaw - math.pi / 2))
     rest = truth.between(holds, held)
-    drift = max(math.dist((s.x, s.y), (rest.first.x, rest.first.y)) for s in rest.samples)
+    drift = rest.spread()
     a, b = truth.at(pressed - 0.5), truth.at(nudged)
     forward = (b.x - a.x) * math.cos(a.yaw) + (b.y - a.y) * math.sin(a.yaw)
     landed = math.dist((truth.last.x, truth.last.y), (b.x, b.y))
@@ -162,7 +162,7 @@ def test_connect_arm_takeoff_goto_hold_shell_land():
     assert abs(height - 1.2) < 0.15, figures
     assert goto <= 0.25 and turned < 0.15, f"{figures}, heading off by {turned:.2f} rad"
     assert drift <= 0.15, figures
-    assert abs(forward - 0.4) < 0.15, figures
+    assert abs(forward - 0.4) < 0.25, figures
     assert landed < 0.25 and truth.last.z > -0.1 and truth.contacts() == 0, figures
     assert len(status) > 20, status
     return figures
@@ -222,7 +222,7 @@ def test_mission_upload_start_progress_finished():
     truth = kestrel.truth()
     passed = truth.between(0.0, finished + 0.5).passes(points, 0.25)
     rest = truth.between(paused, resumed)
-    moved = max(math.dist((s.x, s.y), (rest.first.x, rest.first.y)) for s in rest.samples)
+    moved = rest.spread()
     figures = (
         f"way points passed at {' '.join(f'{d:.2f}' for d in passed)} m, moved {moved:.2f} m while paused, "
         f"landing {truth.landing_error():.2f} m, progress {' '.join(f'{c}/{t}' for c, t in dict.fromkeys(progress))}"

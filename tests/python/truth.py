@@ -138,6 +138,11 @@ class Truth:
                 length, here = length + step, s
         return length
 
+    def spread(self):
+        """Largest distance from the mean place on the plan, m: how still a hover was."""
+        centre = (mean(s.x for s in self.samples), mean(s.y for s in self.samples))
+        return max(distance(s, centre) for s in self.samples)
+
     def nearest(self, point):
         """Smallest distance to a point NED, m; two coordinates compare on the plan, three in space."""
         return min(distance(s, point) for s in self.samples)

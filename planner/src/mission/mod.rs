@@ -388,7 +388,7 @@ impl Mission {
                 ..
             } => {
                 let radius = if acceptance_m > 0.0 {
-                    acceptance_m
+                    acceptance_m.min(p.acceptance_max_m)
                 } else {
                     p.acceptance_m
                 };

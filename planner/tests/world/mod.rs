@@ -122,15 +122,6 @@ impl World {
         }
     }
 
-    /// Swings the nose while hovering, whoever is about.
-    pub(crate) fn look_always(&mut self) {
-        let params = PlannerParams {
-            look_always: true,
-            ..PlannerParams::default()
-        };
-        self.navigator.set_params(params, VfhParams::default());
-    }
-
     /// A letter of the picture (column from the left, row from the top) as a place.
     pub(crate) fn place(&self, column: f64, row: f64, rows: usize) -> In<Ned> {
         self.anchor.to_ned(In::new(
