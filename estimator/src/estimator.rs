@@ -184,7 +184,11 @@ impl Estimator {
             if self.is_landed {
                 self.stand(imu.at);
             } else if !self.fresh.has_flow(imu.at) {
-                self.borrow_velocity(imu.at);
+                if self.is_on_floor(imu.at) {
+                    self.linger(imu.at);
+                } else {
+                    self.borrow_velocity(imu.at);
+                }
             }
         }
         let x = self.odometry.state();

@@ -1,4 +1,4 @@
-//! What the estimator does by itself: standing on the ground, borrowing velocity, aiding navigation with the plan pose.
+//! What the estimator does by itself: standing on the ground, lingering there with motors running, borrowing velocity, aiding navigation with the plan pose.
 
 use super::{Estimator, MAX_AGE_S};
 use crate::kalman::aid::{self, heading_increment, height};
@@ -10,6 +10,11 @@ use vehicle::{AttitudeSample, In, MapPose, Timestamp};
 
 /// Deviation of a borrowed velocity, m/s.
 const BORROWED_STD_MPS: f64 = 0.15;
+/// A vehicle whose centre is at most this much above its landed height touches the floor or nearly so, m.
+const ON_FLOOR_M: f64 = 0.05;
+/// How fast it may slide there, m/s, and for how long.
+const SLIDING_STD_MPS: f64 = 0.2;
+const SLIDING_S: f64 = 0.2;
 
 impl Estimator {
     /// Puts navigation at a plan pose.
@@ -89,6 +94,30 @@ impl Estimator {
             }
             let o = height::observe(filter.state(), filter.ground.height_m());
             filter.fuse(Aid::Height, at, &o, landed_m, Quality::white(0.05));
+        }
+    }
+
+    /// On the floor, or a hand's breadth above it, with motors running: before lift-off and after touch-down.
+    pub(super) fn is_on_floor(&self, now: Timestamp) -> bool {
+        let limit_m = self.params.landed_height_m + ON_FLOOR_M;
+        self.fresh.has_range(now) && self.odometry.height_m() < limit_m
+    }
+
+    /// Flow cannot see so close to the floor, and what is left, two integrals of a shaking and tilted accelerometer, runs
+    /// away within seconds. Whatever touches the floor moves slowly.
+    pub(super) fn linger(&mut self, at: Timestamp) {
+        let q = Quality {
+            std: SLIDING_STD_MPS,
+            correlation_s: SLIDING_S,
+        };
+        for filter in [&mut self.navigation, &mut self.odometry] {
+            for (i, a) in [Aid::VelocityNorth, Aid::VelocityEast]
+                .into_iter()
+                .enumerate()
+            {
+                let o = aid::velocity::observe(filter.state())[i];
+                filter.fuse(a, at, &o, 0.0, q);
+            }
         }
     }
 

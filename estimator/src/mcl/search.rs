@@ -9,7 +9,7 @@ use super::beams::{Evidence, LevelBeam};
 use super::field::Field;
 use super::planar::{Axes, Planar};
 use super::sensor::SensorModel;
-use super::stack::MAX_STACK;
+use super::stack::{FULL_SUPPORT, MAX_STACK, Supported};
 use arrayvec::ArrayVec;
 use core::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
@@ -44,7 +44,7 @@ pub struct SearchRequest {
     /// The plan.
     pub field: Arc<Field>,
     /// The stacked scan in the axes of the reference pose.
-    pub beams: ArrayVec<LevelBeam, MAX_STACK>,
+    pub readings: ArrayVec<Supported, MAX_STACK>,
     /// Odometry pose the scan is given in.
     pub reference: Planar,
     /// Deviation of a near ray, m.
@@ -75,8 +75,8 @@ pub struct SearchResult {
     pub reference: Planar,
     /// Places, best first.
     pub peaks: ArrayVec<Peak, MAX_PEAKS>,
-    /// Readings looked at.
-    pub readings: u32,
+    /// Readings looked at, those of little support counted by their share of it.
+    pub readings: f64,
 }
 
 /// Looks for the places where the scan could have been taken. Same question, same answer, to the bit.
@@ -86,9 +86,9 @@ pub fn search(request: &SearchRequest) -> SearchResult {
         id: request.id,
         reference: request.reference,
         peaks: ArrayVec::new(),
-        readings: request.beams.len() as u32,
+        readings: request.readings.iter().map(weight_of).sum(),
     };
-    if request.beams.is_empty() {
+    if request.readings.is_empty() {
         return result;
     }
     let matcher = Matcher::new(request);
@@ -113,6 +113,11 @@ fn sort_best_first<T>(items: &mut [T], score: impl Fn(&T) -> f64) {
     items.sort_by(|a, b| score(b).total_cmp(&score(a)));
 }
 
+/// What a reading counts, 0..=1.
+fn weight_of(reading: &Supported) -> f64 {
+    f64::from(reading.support) / f64::from(FULL_SUPPORT)
+}
+
 struct Matcher<'a> {
     request: &'a SearchRequest,
     field: &'a Field,
@@ -134,6 +139,7 @@ struct Turned {
     points: [[f32; 2]; 3],
     is_ray: bool,
     evidence: Evidence,
+    weight: f32,
 }
 
 impl Turned {
@@ -169,22 +175,24 @@ impl<'a> Matcher<'a> {
         let turn = Planar::new(0.0, 0.0, yaw as f64 * TAU / YAWS as f64).axes();
         let cell_m = self.field.cell_m();
         self.request
-            .beams
+            .readings
             .iter()
             .step_by(every.max(1))
-            .map(|b| Turned {
-                points: b
+            .map(|r| Turned {
+                points: r
+                    .beam
                     .points
                     .map(|p| turn.outward(p).map(|v| (v / cell_m) as f32)),
-                is_ray: b.is_ray(),
-                evidence: b.evidence,
+                is_ray: r.beam.is_ray(),
+                evidence: r.beam.evidence,
+                weight: weight_of(r) as f32,
             })
             .collect()
     }
 
     /// The best blocks by what any pose in them could reach.
     fn blocks(&self) -> Vec<Scored> {
-        let every = self.request.beams.len().div_ceil(96);
+        let every = self.request.readings.len().div_ceil(96);
         let side = (BLOCK_M / self.field.cell_m()) as f32;
         let columns = (self.field.width() as f32 / side) as usize + 1;
         let rows = (self.field.height() as f32 / side) as usize + 1;
@@ -205,17 +213,18 @@ impl<'a> Matcher<'a> {
         }
         for yaw in 0..YAWS {
             let points = self.turned(yaw, every);
+            let all: f32 = points.iter().map(|r| r.weight).sum();
             for (u, v) in &open {
                 let mut sum = 0.0;
                 for reading in &points {
                     let code = reading.least(|px, py| self.field.nearest_around(u + px, v + py));
-                    sum += self.broad.log(reading.evidence, code);
+                    sum += reading.weight * self.broad.log(reading.evidence, code);
                 }
                 out.push(Scored {
                     u: *u,
                     v: *v,
                     yaw,
-                    score: sum / points.len() as f32,
+                    score: sum / all,
                 });
             }
         }
@@ -233,7 +242,7 @@ impl<'a> Matcher<'a> {
     fn open(&self, blocks: &[Scored]) -> Vec<Planar> {
         let side = (BLOCK_M / self.field.cell_m()) as f32;
         let step = side / FINE as f32;
-        let every = self.request.beams.len().div_ceil(192);
+        let every = self.request.readings.len().div_ceil(192);
         let mut poses = Vec::with_capacity(blocks.len());
         for yaw in 0..YAWS {
             let mut points = None;
@@ -249,11 +258,15 @@ impl<'a> Matcher<'a> {
                     let mut sum = 0.0;
                     for reading in points.iter() {
                         let code = reading.least(|px, py| self.field.code(u + px, v + py));
-                        sum += self.broad.log(reading.evidence, code);
+                        sum += reading.weight * self.broad.log(reading.evidence, code);
                     }
-                    let score = sum / points.len() as f32;
-                    if best.is_none_or(|b| score > b.score) {
-                        best = Some(Scored { u, v, yaw, score });
+                    if best.is_none_or(|b| sum > b.score) {
+                        best = Some(Scored {
+                            u,
+                            v,
+                            yaw,
+                            score: sum,
+                        });
                     }
                 }
                 poses.extend(best);
@@ -328,9 +341,10 @@ impl<'a> Matcher<'a> {
 
     fn score(&self, model: &SensorModel, pose: &Planar) -> f64 {
         let axes = pose.axes();
-        let mut sum = 0.0;
-        for b in &self.request.beams {
-            let code = b
+        let (mut sum, mut all) = (0.0, 0.0);
+        for r in &self.request.readings {
+            let code = r
+                .beam
                 .candidates()
                 .iter()
                 .map(|p| {
@@ -340,18 +354,20 @@ impl<'a> Matcher<'a> {
                 })
                 .min()
                 .unwrap_or(255);
-            sum += f64::from(model.log(b.evidence, code));
+            let weight = weight_of(r);
+            sum += weight * f64::from(model.log(r.beam.evidence, code));
+            all += weight;
         }
-        sum / self.request.beams.len() as f64
+        sum / all
     }
 
     /// Score and fit with walls in the way: a hit behind a wall is as bad as a hit in the open.
     fn judge(&self, pose: &Planar) -> (f64, f64) {
-        let (mut sum, mut good) = (0.0, 0usize);
+        let (mut sum, mut good, mut all) = (0.0, 0.0, 0.0);
         let axes = pose.axes();
-        for b in &self.request.beams {
-            let hit = axes.outward(b.points[1]);
-            let from = axes.outward(b.origin);
+        for r in &self.request.readings {
+            let hit = axes.outward(r.beam.points[1]);
+            let from = axes.outward(r.beam.origin);
             let length = libm::hypot(hit[0] - from[0], hit[1] - from[1]);
             let short = (length - THROUGH_M).max(0.0) / length.max(1e-6);
             let before = [
@@ -363,13 +379,16 @@ impl<'a> Matcher<'a> {
             let nearest = if is_through {
                 super::field::FAR_M
             } else {
-                self.nearest_m(b, &axes)
+                self.nearest_m(&r.beam, &axes)
             };
             let code = (nearest / super::field::CODE_M).min(255.0) as u8;
-            sum += f64::from(self.sharp.log(b.evidence, code));
-            good += usize::from(nearest < 0.15);
+            let weight = weight_of(r);
+            sum += weight * f64::from(self.sharp.log(r.beam.evidence, code));
+            all += weight;
+            if nearest < 0.15 {
+                good += weight;
+            }
         }
-        let n = self.request.beams.len() as f64;
-        (sum / n, good as f64 / n)
+        (sum / all, good / all)
     }
 }

@@ -236,6 +236,8 @@ pub struct Senses {
     pub has_flow: bool,
     pub has_range: bool,
     pub has_scan: bool,
+    /// Share of returns that come from nowhere: half of the way short, or up to a metre long one time in four.
+    pub false_returns: f64,
     /// Scans come this late, ms.
     pub scan_delay_ms: u64,
     /// Inertial samples are this many ms apart, plus up to as many us of jitter as given.
@@ -254,6 +256,7 @@ impl Senses {
             has_flow: true,
             has_range: true,
             has_scan: true,
+            false_returns: 0.0,
             scan_delay_ms: 40,
             imu_ms: 25,
             imu_jitter_us: 2_000,
@@ -498,7 +501,18 @@ impl<'a> Simulation<'a> {
                     } else {
                         d
                     };
-                    let noisy = depth + self.gauss(0.01 + 0.01 * depth.min(4.0));
+                    let mut noisy = depth + self.gauss(0.01 + 0.01 * depth.min(4.0));
+                    // No draw without need: the other tests keep their numbers.
+                    if self.senses.false_returns > 0.0 {
+                        let (fate, size) =
+                            (self.random.uniform(), f64::from(self.random.uniform()));
+                        let fate = f64::from(fate) / self.senses.false_returns;
+                        if fate < 0.75 {
+                            noisy *= 1.0 - 0.5 * size;
+                        } else if fate < 1.0 {
+                            noisy += 0.15 + 0.8 * size;
+                        }
+                    }
                     let lost = f64::from(self.random.uniform()) < 0.02;
                     (noisy > ranger.min_m && noisy < ranger.max_m && !lost)
                         .then_some((noisy * 1000.0) as u16)

@@ -27,7 +27,7 @@ impl Locator {
         if !wants || waits || !self.stack.is_ripe() {
             return None;
         }
-        let (beams, reference) = self.stack.take()?;
+        let (readings, reference) = self.stack.take()?;
         let id = self.next_id;
         self.next_id = self.next_id.wrapping_add(1);
         self.asked = Some((id, now));
@@ -35,7 +35,7 @@ impl Locator {
         Some(SearchRequest {
             id,
             field: Arc::clone(self.filter.field()),
-            beams,
+            readings,
             reference,
             ray_std_m,
             cone_std_m,
@@ -54,7 +54,7 @@ impl Locator {
         };
         let since = result.reference.step_to(&odometry);
         let here = |pose: MapPose| Planar::from(pose).then(&since);
-        let readings = f64::from(result.readings) * READING_WEIGHT;
+        let readings = result.readings * READING_WEIGHT;
         let margin = result.peaks.get(1).map_or(f64::INFINITY, |second| {
             (best.score - second.score) * readings
         });
@@ -64,7 +64,8 @@ impl Locator {
             .is_some_and(|held| held.is_near(&here(best.pose), SAME_M, SAME_RAD));
         if agrees {
             self.agreements += u32::from(is_decisive);
-            self.disagrees = false;
+            // A place that the particles were sent to by a search that could not decide is not confirmed by another.
+            self.disagrees &= !(is_decisive || self.is_continuous);
             return;
         }
         self.agreements = u32::from(is_decisive && self.phase == Phase::Searching);
