@@ -56,6 +56,10 @@ pub struct Router {
     grid: Grid,
     radius_m: f64,
     reach_m: f64,
+    margin_m: f64,
+    clearance_weight: f64,
+    /// Costs are laid for half the margin.
+    is_narrow: bool,
     /// Per cell: distance to the nearest wall, m; negative where the plan knows no free floor.
     clearance_m: Vec<f32>,
     /// Per cell: cost per metre; infinite where it may not be crossed.
@@ -103,6 +107,9 @@ impl Router {
             grid,
             radius_m,
             reach_m: 0.0,
+            margin_m: 0.0,
+            clearance_weight: 0.0,
+            is_narrow: false,
             cost: vec![f32::INFINITY; n],
             clearance_m,
             blocked: vec![false; n],
@@ -121,12 +128,19 @@ impl Router {
 
     /// Takes over margin and clearance weight.
     pub fn set_params(&mut self, params: &PlannerParams) {
-        let reach = self.radius_m + params.margin_m;
+        (self.margin_m, self.clearance_weight) = (params.margin_m, params.clearance_weight);
+        self.keep_off(self.margin_m);
+    }
+
+    /// Lays the costs for a margin beyond the radius.
+    fn keep_off(&mut self, margin_m: f64) {
+        let reach = self.radius_m + margin_m;
         self.reach_m = reach;
+        let weight = self.clearance_weight;
         for (cost, clearance) in self.cost.iter_mut().zip(&self.clearance_m) {
             let d = f64::from(*clearance);
             *cost = if d >= reach {
-                (1.0 + params.clearance_weight * libm::exp(-3.0 * (d - reach))) as f32
+                (1.0 + weight * libm::exp(-3.0 * (d - reach))) as f32
             } else {
                 f32::INFINITY
             };
@@ -173,7 +187,7 @@ impl Router {
     /// The way from a place to another, around walls and around `obstacles` (points seen but not on the plan).
     ///
     /// A start inside a margin is led out of it by the shortest way; a goal inside a margin, but not in a wall, is the last
-    /// point of the way.
+    /// point of the way. Where the full margin leaves no way (a narrow door), half of it is tried.
     ///
     /// # Errors
     /// [`RouteError`] says why there is none.
@@ -187,6 +201,25 @@ impl Router {
             return Err(RouteError::NotFinite);
         }
         self.check_place(to)?;
+        if self.is_narrow {
+            self.keep_off(self.margin_m);
+        }
+        let found = self.find_around(from, to, obstacles);
+        self.is_narrow = matches!(found, Err(RouteError::NoWay));
+        if !self.is_narrow {
+            return found;
+        }
+        // The narrow costs stay until the next search: the way is followed by what it was found with.
+        self.keep_off(0.5 * self.margin_m);
+        self.find_around(from, to, obstacles)
+    }
+
+    fn find_around(
+        &mut self,
+        from: In<Map>,
+        to: In<Map>,
+        obstacles: &[In<Map>],
+    ) -> Result<Path, RouteError> {
         self.block(obstacles, from);
         let found = self.search(from, to);
         for i in self.blocked_list.drain(..) {

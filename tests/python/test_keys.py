@@ -98,6 +98,11 @@ def close(a, b, tolerance=2e-3):
     return abs(a - b) <= tolerance
 
 
+def is_same_place(before, after):
+    """The hover position is the same. (The heading is the vehicle's own in a plain hover: its nose may look around.)"""
+    return all(close(a, b) for a, b in zip(before[:3], after[:3]))
+
+
 def expect_step(pilot, key, *, forward=0.0, right=0.0, up=0.0, turn=0.0):
     """The set point changes by exactly this, and the reply shows it."""
     before, after, reply = pilot.press(key)
@@ -133,7 +138,7 @@ def fly_keys(framing, seed):
         # Off: ignored, with a word about it.
         for key in ("8", "j", "e", "i"):
             before, after, reply = pilot.press(key)
-            assert all(close(a, b) for a, b in zip(before, after)), f"{key!r} moved the set point while manual mode is off"
+            assert is_same_place(before, after), f"{key!r} moved the set point while manual mode is off: {before} became {after}"
             assert "manual" in reply.lower() or "'m'" in reply, f"no word about manual mode: {reply!r}"
 
         reply = console.line("m")
@@ -209,7 +214,7 @@ def fly_keys(framing, seed):
         reply = console.line("m")
         assert "off" in reply.lower(), reply
         before, after, reply = pilot.press("8")
-        assert all(close(a, b) for a, b in zip(before, after)), "8 counted after manual mode was switched off"
+        assert is_same_place(before, after), "8 counted after manual mode was switched off"
 
         console.line("\x1b", answer=False)
         station.wait_for(lambda: station.mode == "LAND", 3.0, "ESC lands")
