@@ -29,7 +29,7 @@ vehicle::params! {
         /// Give way to moving people while hovering and on the way.
         evade: bool "AVOID_EVADE" = true;
         /// Distance kept from the centre of a person, beyond both radii.
-        evade_clearance_m: float "AVOID_CLEAR" = 0.5, "m", 0.2..=1.5;
+        evade_clearance_m: float "AVOID_CLEAR" = 0.45, "m", 0.2..=1.5;
         /// Radius of a person.
         person_radius_m: float "AVOID_PERSON_R" = 0.25, "m", 0.1..=0.6;
         /// Swing of the nose while hovering after somebody was seen, to look into the gaps between the rangers; 0 keeps it

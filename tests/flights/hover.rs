@@ -59,13 +59,22 @@ fn a_vehicle_armed_and_left_alone_disarms() {
 
 #[test]
 fn gives_way_to_a_person_and_comes_back() {
-    let mut table =
-        String::from("FIGURES person walking by\n seed  clearance m  rms far m  back after s\n");
-    for seed in 1..=5 {
-        // North of home, from west to east, passing 0.35 m from the set point.
+    let mut table = String::from(
+        "FIGURES person walking by, 16 directions\n seed  clearance m  rms far m  back after s  lost s\n",
+    );
+    let mut bad = Vec::new();
+    for seed in 1..=16_u64 {
+        // From all around, out of the gaps of the ring too, passing 0.2 to 0.4 m from the set point.
         let home = sim::Room::named("office").unwrap().home();
-        let from = [home.x_m - 1.7, home.y_m + 0.35];
-        let to = [home.x_m + 1.7, home.y_m + 0.35];
+        let (sin, cos) = (f64::from(seed as u8) * std::f64::consts::FRAC_PI_8 * 3.0).sin_cos();
+        let offset = if seed % 2 == 0 { 0.2 } else { 0.4 };
+        let along = |m: f64| {
+            [
+                home.x_m + cos * m - sin * offset,
+                home.y_m + sin * m + cos * offset,
+            ]
+        };
+        let (from, to) = (along(-1.8), along(1.8));
         let walker = Walker {
             path: vec![from, to],
             speed_mps: 0.8,
@@ -78,8 +87,12 @@ fn gives_way_to_a_person_and_comes_back() {
         let target = f.snapshot().nav.position;
         let (mut clearance, mut squares, mut far) = (f64::INFINITY, 0.0, 0u32);
         let (mut near_until, mut back_at) = (0.0, None);
+        let mut lost_s = 0.0;
         while f.now().s() < 60.0 {
             f.step();
+            if !f.snapshot().nav.health.position {
+                lost_s += 0.005;
+            }
             let person = f.world.simulator.people().next().expect("somebody");
             let here = f.world.simulator.anchor().to_map(f.truth().position);
             let apart = (here - In::new(person[0], person[1], here.z())).norm_xy();
@@ -97,11 +110,16 @@ fn gives_way_to_a_person_and_comes_back() {
         }
         let rms = (squares / f64::from(far)).sqrt();
         let back = back_at.unwrap_or(f64::INFINITY) - near_until;
-        table += &format!(" {seed:4}  {clearance:11.2}  {rms:9.3}  {back:12.1}\n");
-        f.assert(clearance >= 0.2, &format!("clearance {clearance:.2} m"));
-        f.assert(rms <= 0.15, &format!("rms {rms:.3} m"));
-        f.assert(back <= 5.0, &format!("back after {back:.1} s"));
-        f.assert(f.truth().contacts == 0, "touched somebody");
+        table += &format!(" {seed:4}  {clearance:11.2}  {rms:9.3}  {back:12.1}  {lost_s:6.1}\n");
+        let is_good = lost_s < 0.5
+            && clearance >= 0.2
+            && rms <= 0.15
+            && back <= 5.0
+            && f.truth().contacts == 0;
+        if !is_good {
+            bad.push(seed);
+        }
     }
     println!("{table}END");
+    assert!(bad.is_empty(), "seeds {bad:?}\n{table}");
 }

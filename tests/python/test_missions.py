@@ -181,41 +181,79 @@ def test_start_unknown():
 PERSON_RADIUS_M, VEHICLE_RADIUS_M = 0.25, 0.16
 
 
+class Walk:
+    """A person who passes home at 0.4 m, on one side or the other, at 0.8 m/s."""
+
+    SPEED_MPS, START_S = 0.8, 50.0
+
+    def __init__(self, room, seed):
+        self.room = room
+        (x, y), side = room.home_map, 0.4 if seed % 2 else -0.4
+        self.a, self.b = (x - 2.2, y + side), (x + 2.2, y + side)
+
+    @property
+    def argument(self):
+        return ",".join(f"{v:.3f}" for v in (*self.a, *self.b, self.SPEED_MPS, self.START_S))
+
+    def at(self, t_s):
+        """Where the person is, NED."""
+        length = math.dist(self.a, self.b)
+        way = min(max((t_s - self.START_S) * self.SPEED_MPS, 0.0), length) / length
+        return self.room.to_ned(*(a + way * (b - a) for a, b in zip(self.a, self.b)))
+
+
+class Visit:
+    """What a hover beside a walking person was worth."""
+
+    def __init__(self, kestrel, walk, hover_from, hover_to):
+        truth = kestrel.truth()
+        hover = truth.between(hover_from, hover_to).samples
+        gap = {s.t_s: math.dist((s.x, s.y), walk.at(s.t_s)) for s in hover}
+        off = {s.t_s: math.hypot(s.x, s.y) for s in hover}
+        self.seed, self.repeat = kestrel.seed, kestrel.how_to_repeat()
+        self.contacts = truth.contacts()
+        self.hover_s = hover_to - hover_from
+        self.clearance_m = min(gap.values()) - PERSON_RADIUS_M - VEHICLE_RADIUS_M
+        gone_s = max(t for t, d in gap.items() if d <= 1.5)
+        self.alone_rms_m = rms(off[t] for t, d in gap.items() if d > 1.5)
+        self.back_s = min((t - gone_s for t in off if t >= gone_s and off[t] <= 0.15), default=math.inf)
+
+    @property
+    def is_good(self):
+        is_clear = self.contacts == 0 and self.clearance_m >= 0.2
+        return self.hover_s >= 59.0 and is_clear and self.alone_rms_m <= 0.15 and self.back_s <= 5.0
+
+    def __str__(self):
+        return (
+            f"seed {self.seed}: clearance {self.clearance_m:.2f} m, RMS {self.alone_rms_m:.3f} m while alone, "
+            f"back after {self.back_s:.1f} s, contacts {self.contacts}"
+        )
+
+
 def test_person_walks_by_a_hover():
-    """Row 10: 60 s of hover, a person passes 0.4 m beside the set point at 0.8 m/s."""
+    """Row 10: 60 s of hover, a person passes; every one of ten flights keeps the bars."""
     room = Room.export("office")
-    (hx, hy), speed_mps, start_s = room.home_map, 0.8, 50.0
-    a, b = (hx - 2.3, hy + 0.4), (hx + 2.3, hy + 0.4)
-    person = f"{a[0]:.3f},{a[1]:.3f},{b[0]:.3f},{b[1]:.3f},{speed_mps},{start_s}"
-    with Kestrel("office", seed=10, speed=SPEED, extra=["--person", person], name="person") as kestrel:
-        station = kestrel.station()
-        station.take_off(1.0)
-        hover_from = station.now
-        assert hover_from < start_s - 15.0, f"hovers only at {hover_from:.1f} s"
-        station.sleep(60.0)
-        hover_to = station.now
-        station.land()
-    truth = kestrel.truth()
 
-    length = math.dist(a, b)
+    def fly(seed):
+        walk = Walk(room, seed)
+        with Kestrel("office", seed=seed, speed=SPEED, extra=["--person", walk.argument], name=f"person-seed{seed}") as kestrel:
+            station = kestrel.station()
+            station.take_off(1.0)
+            hover_from = station.now
+            assert hover_from < walk.START_S - 15.0, f"hovers only at {hover_from:.1f} s"
+            station.sleep(60.0)
+            assert station.is_armed and station.mode == "LOITER", f"does not hover to the end; {station.describe()}"
+            hover_to = station.now
+            station.land()
+        return Visit(kestrel, walk, hover_from, hover_to)
 
-    def person_at(t_s):
-        way = min(max((t_s - start_s) * speed_mps, 0.0), length) / length
-        return room.to_ned(a[0] + way * (b[0] - a[0]), a[1] + way * (b[1] - a[1]))
-
-    hover = truth.between(hover_from, hover_to).samples
-    gap = {s.t_s: math.dist((s.x, s.y), person_at(s.t_s)) for s in hover}
-    off = {s.t_s: math.hypot(s.x, s.y) for s in hover}
-    clearance = min(gap.values()) - PERSON_RADIUS_M - VEHICLE_RADIUS_M
-    gone_s = max(t for t, d in gap.items() if d <= 1.5)
-    alone_rms = rms(off[t] for t, d in gap.items() if d > 1.5)
-    back = [t for t in off if t > gone_s and off[t] > 0.15]
-    back_s = (max(back) - gone_s) if back else 0.0
+    results = fly_all(fly, range(1, 11))
+    visits = [r for r in results.values() if isinstance(r, Visit)]
+    bad = "\n".join([f"{v}\n{v.repeat}" for v in visits if not v.is_good] + [explain(results)]).strip()
+    assert visits, bad
     figures = (
-        f"clearance {clearance:.2f} m, RMS {alone_rms:.3f} m while alone, back within {back_s:.1f} s, "
-        f"moved {max(off.values()):.2f} m, contacts {truth.contacts()}"
+        f"{sum(v.is_good for v in visits)} of {len(results)} good, least clearance {min(v.clearance_m for v in visits):.2f} m, "
+        f"worst RMS {max(v.alone_rms_m for v in visits):.3f} m while alone, back after {max(v.back_s for v in visits):.1f} s at most"
     )
-    assert hover_to - hover_from >= 59.0 and min(gap.values()) < 1.5, figures
-    assert truth.contacts() == 0 and clearance >= 0.2, figures
-    assert alone_rms <= 0.15 and back_s <= 5.0, figures
+    assert not bad, f"{figures}\n{bad}"
     return figures
