@@ -136,7 +136,8 @@ def hovering(framing, seed):
 
 def fly_keys(framing, seed):
     """All keys in one flight."""
-    moves = []  # (what, begin, end, axis, least, most): the set point is exact, the truth wanders with the estimate (0.1 m)
+    # (what, begin, end, heading, axis, least, most): the set point is exact, the truth wanders with the estimate (0.1 m).
+    moves = []
     with hovering(framing, seed) as (kestrel, station, pilot):
         console = pilot.console
 
@@ -148,12 +149,12 @@ def fly_keys(framing, seed):
 
         reply = console.line("m")
         assert "on" in reply.lower(), reply
-        begin = station.now
+        begin, heading = station.now, number(reply, "yaw")
 
         def flown(what, axis, least, most, seconds=4.0):
             nonlocal begin
             station.sleep(seconds)
-            moves.append((what, begin, station.now, axis, least, most))
+            moves.append((what, begin, station.now, heading, axis, least, most))
             begin = station.now
 
         # Nudges: exact step, then two more in one line.
@@ -227,12 +228,12 @@ def fly_keys(framing, seed):
         station.wait_disarmed(30.0)
     truth = kestrel.truth()
     wrong, shown = [], []
-    for what, start, end, axis, least, most in moves:
+    for what, start, end, heading, axis, least, most in moves:
         a, b = truth.at(start), truth.at(end)
         north, east = b.x - a.x, b.y - a.y
         motion = {
-            "forward": north * math.cos(a.yaw) + east * math.sin(a.yaw),
-            "right": -north * math.sin(a.yaw) + east * math.cos(a.yaw),
+            "forward": north * math.cos(heading) + east * math.sin(heading),
+            "right": -north * math.sin(heading) + east * math.cos(heading),
             "up": a.z - b.z,
             "turn": wrap(b.yaw - a.yaw),
         }
