@@ -21,9 +21,10 @@ const STILL_MPS: f64 = 0.12;
 /// Standing this long with thrust going down is landed, s.
 const LANDED_S: f64 = 0.7;
 /// A descent passes this last bit in a fraction of a second; who stays in it stands, whatever lift and climb pretend (a
-/// sagging battery lifts less than is asked for, and on the floor the climb is noise), m and s.
+/// sagging battery lifts less than is asked for, and on the floor the climb is noise), m, s, m/s.
 const LAST_BIT_M: f64 = 0.06;
 const LAST_BIT_S: f64 = 0.8;
+const LAST_BIT_MPS: f64 = 0.25;
 /// Thrust is taken back this fast once on the floor, weights per second.
 const RELEASE_RATE: f64 = 1.2;
 /// The floor carries at least this share of the weight when contact is inferred from the accelerometer alone.
@@ -117,7 +118,7 @@ impl Touchdown {
         let carried = view.felt_mps2 / GRAVITY_MPS2 - allowed;
         let standing = match view.height {
             Some((height_m, climb_mps)) => {
-                let low = height_m < landed_height_m + LAST_BIT_M;
+                let low = height_m < landed_height_m + LAST_BIT_M && climb_mps.abs() < LAST_BIT_MPS;
                 self.low_s = if low { self.low_s + dt_s } else { 0.0 };
                 let still = climb_mps.abs() < STILL_MPS;
                 // Low and still; or not where the floor was expected, yet something carries us.

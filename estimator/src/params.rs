@@ -56,6 +56,6 @@ vehicle::params! {
         /// Share of returns that must end at a wall before a place is believed (recorded flights: 0.8 - 1.0 at the true place).
         good_fit: float "MCL_FIT_GOOD" = 0.7, "1", 0.3..=1.0;
         /// Below this share the place is doubted (recorded flights with other drones about: never below 0.8; a kidnapped vehicle: below 0.6 at once).
-        bad_fit: float "MCL_FIT_BAD" = 0.55, "1", 0.1..=0.9;
+        bad_fit: float "MCL_FIT_BAD" = 0.6, "1", 0.1..=0.9;
     }
 }

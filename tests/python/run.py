@@ -5,6 +5,8 @@
     run.py -k mavsdk       those whose name contains `mavsdk` (several -k: any of them)
     run.py --json out.json figures for programs
 
+Needs Python 3.11 and the clients: `python3 -m venv .venv && .venv/bin/pip install --no-deps -r tests/python/requirements.txt`.
+
 One line for each test: name, ok / FAILED / SKIPPED, seconds, and what it measured; failures with seed and command line
 at the end; last line `N passed, N failed, N skipped`. Exit code 0 only if none failed. Each test has its own process, so
 that a client library that crashes takes only its own test along.
@@ -95,7 +97,11 @@ def main():
         print("\n".join(names))
         return 0
 
-    from kestrel_harness import binary, jobs, seeds
+    try:
+        from kestrel_harness import binary, jobs, seeds
+    except ImportError as missing:
+        print(f"{missing}: install the clients with `pip install --no-deps -r {HERE / 'requirements.txt'}`", file=sys.stderr)
+        return 1
 
     campaign = f"campaigns over seeds {seeds()[0]}..{seeds()[-1]}"
     print(f"{binary()}: {len(names)} tests, {arguments.j} at once, {jobs()} simulators at once, {campaign}", flush=True)

@@ -26,7 +26,7 @@ class Console:
     FRAMINGS = {
         "QGroundControl": ("\n", RESPOND | EXCLUSIVE | MULTI, False),
         "MAVProxy": ("\r\n", RESPOND | EXCLUSIVE | MULTI, True),
-        "MAVSDK": ("\n", RESPOND | EXCLUSIVE | MULTI, False),
+        "MAVSDK": ("\n", RESPOND, False),  # as 4.1.0 sends with a subscription; it shows every reply that comes
         "MAVSDK without subscription": ("\n", 0, False),
     }
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from kestrel_harness import Kestrel, out_folder
 from rooms import Room
+from test_keys import number
 
 # All but `adsb`, which wants an imaging library to colour aircraft on a map.
 MODULES = "log,signing,wp,rally,fence,ftp,param,relay,tuneopt,arm,mode,calibration,rc,auxopt,misc,cmdlong,battery,output"
@@ -126,7 +127,7 @@ def test_arm_takeoff_mission_and_keys():
             mark = prompt.type("8")
             prompt.expect("manual", since=mark)
             mark = prompt.type("m")
-            prompt.expect("manual", since=mark)
+            heading = number(prompt.expect("kg", since=mark), "yaw")
             key_from = watch.now
             for key in ("8", "88", "66"):
                 mark = prompt.type(key)
@@ -149,8 +150,8 @@ def test_arm_takeoff_mission_and_keys():
     truth = kestrel.truth()
     height = -truth.at(risen).z
     a, b = truth.at(key_from), truth.at(key_to)
-    forward = (b.x - a.x) * math.cos(a.yaw) + (b.y - a.y) * math.sin(a.yaw)
-    right = -(b.x - a.x) * math.sin(a.yaw) + (b.y - a.y) * math.cos(a.yaw)
+    forward = (b.x - a.x) * math.cos(heading) + (b.y - a.y) * math.sin(heading)
+    right = -(b.x - a.x) * math.sin(heading) + (b.y - a.y) * math.cos(heading)
     points = [(*room.place(name), -1.0) for name in WAY]
     passed = truth.between(key_to).passes(points, 0.25)
     figures = (

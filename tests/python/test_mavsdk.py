@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from kestrel_harness import Kestrel
 from rooms import Room
+from test_keys import number
 from truth import wrap
 
 EARTH_RADIUS_M = 6378137.0
@@ -136,7 +137,8 @@ def test_connect_arm_takeoff_goto_hold_shell_land():
         for key in ("m", "8", "8"):
             before = len(replies)
             drone.shell.send(key, 10)
-            drone.wait(lambda before=before: len(replies) > before, 5.0, f"the shell answers {key!r}")
+            drone.wait(lambda before=before: "kg" in "".join(replies[before:]), 5.0, f"the shell answers {key!r}")
+        heading = number("".join(replies), "yaw")
         pressed = drone.now
         drone.sleep(4.0)
         nudged = drone.now
@@ -153,7 +155,7 @@ def test_connect_arm_takeoff_goto_hold_shell_land():
     rest = truth.between(holds, held)
     drift = rest.spread()
     a, b = truth.at(pressed - 0.5), truth.at(nudged)
-    forward = (b.x - a.x) * math.cos(a.yaw) + (b.y - a.y) * math.sin(a.yaw)
+    forward = (b.x - a.x) * math.cos(heading) + (b.y - a.y) * math.sin(heading)
     landed = math.dist((truth.last.x, truth.last.y), (b.x, b.y))
     figures = (
         f"healthy at {ready:.1f} s, take-off 1.2 m: {height:.2f} m, go-to missed by {goto:.2f} m, hold drift {drift:.2f} m, "

@@ -8,7 +8,7 @@
 use super::beams::{Evidence, LevelBeam};
 use super::field::{CODE_M, Field};
 use super::particles::Particles;
-use super::planar::Planar;
+use super::planar::{Axes, Planar};
 use super::random::sin_cos;
 
 /// Most readings one update uses; two full scans.
@@ -190,6 +190,20 @@ impl SensorModel {
     }
 }
 
+/// A return from open floor, with nothing of the plan before it, counts this much against a pose: somebody may stand there.
+/// A return from behind a wall counts in full.
+const SHORT_COUNTS: f64 = 0.3;
+
+/// True if the beam ends on open floor and met no wall on its way there.
+fn falls_short(field: &Field, axes: &Axes, beam: &LevelBeam) -> bool {
+    let from = axes.outward([0.0, 0.0]);
+    beam.candidates().iter().any(|p| {
+        let to = axes.outward(*p);
+        let length = libm::hypot(to[0] - from[0], to[1] - from[1]);
+        field.is_open(to[0], to[1]) && field.free_way_m(from, to) > length - 0.1
+    })
+}
+
 /// Share of the returns that end within 0.15 m (cones 0.25 m) of a wall, seen from a pose: 0..=1; none without returns.
 #[must_use]
 pub fn fit(field: &Field, beams: &[LevelBeam], pose: &Planar) -> Option<f64> {
@@ -211,9 +225,16 @@ pub fn fit(field: &Field, beams: &[LevelBeam], pose: &Planar) -> Option<f64> {
                 field.distance_m(x, y)
             })
             .fold(f64::INFINITY, f64::min);
-        all += weight;
         if nearest < limit {
             good += weight;
+            all += weight;
+        } else {
+            all += weight
+                * if falls_short(field, &axes, beam) {
+                    SHORT_COUNTS
+                } else {
+                    1.0
+                };
         }
     }
     (all > 0.0).then(|| good / all)
