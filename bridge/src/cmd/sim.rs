@@ -16,11 +16,12 @@ use bridge::io::truth::TruthFile;
 use bridge::settings::{Origin, Settings};
 use clap::{Args, ValueEnum};
 use sim::{Room, SimConfig, VehicleConfig, Walker};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::Duration;
-use vehicle::{MapPose, RingConfig};
+use vehicle::{FloorPlan, In, MapPose, RingConfig};
 
 /// Documents that may be in the state folder.
 const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
@@ -40,7 +41,8 @@ pub(crate) struct SimArgs {
     /// Simulated seconds per second, or `max`.
     #[arg(long, value_name = "X|max")]
     pub(crate) speed: Option<Speed>,
-    /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`.
+    /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x); `unknown`: somewhere free that follows
+    /// from the seed, and it does not know where; default: home.
     #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
     pub(crate) start: Option<StartArg>,
     /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
@@ -139,7 +141,7 @@ impl FromStr for Speed {
 pub(crate) enum StartArg {
     /// On the plan.
     At(MapPose),
-    /// It stands at home and does not know it.
+    /// Somewhere, and it does not know where.
     Unknown,
 }
 
@@ -263,7 +265,7 @@ impl SimArgs {
         let (pose, start) = match self.start {
             None => (room.home(), Start::Known(room.home())),
             Some(StartArg::At(pose)) => (pose, Start::Known(pose)),
-            Some(StartArg::Unknown) => (room.home(), Start::Unknown),
+            Some(StartArg::Unknown) => (somewhere(room.floor_plan(), self.seed), Start::Unknown),
         };
         if !(1.0..=100.0).contains(&self.battery) {
             return Err(Usage(format!("--battery {} is outside 1..=100", self.battery)).into());
@@ -334,6 +336,47 @@ impl SimArgs {
         };
         Links::open(&wanted).map_err(|e| anyhow!(e))
     }
+}
+
+/// A free place that a seed chooses: reachable from home, clear of walls, any heading.
+fn somewhere(plan: &FloorPlan, seed: u64) -> MapPose {
+    /// Free floor around the place, m.
+    const CLEAR_M: f64 = 0.45;
+    /// A way must be this wide, m.
+    const WAY_M: f64 = 0.30;
+    let home = plan.home.unwrap_or_default();
+    let clearance = plan.distance_field(1.0);
+    let is_free = |c: i64, r: i64, m: f64| {
+        let p = plan.centre_of(c, r);
+        plan.is_free(p) && clearance.at(p) > m
+    };
+    let start = plan.index_of(In::new(home.x_m, home.y_m, 0.0));
+    let mut reached = BTreeSet::from([start]);
+    let mut open = vec![start];
+    while let Some((c, r)) = open.pop() {
+        for next in [(c + 1, r), (c - 1, r), (c, r + 1), (c, r - 1)] {
+            if is_free(next.0, next.1, WAY_M) && reached.insert(next) {
+                open.push(next);
+            }
+        }
+    }
+    let places: Vec<(i64, i64)> = reached
+        .into_iter()
+        .filter(|(c, r)| is_free(*c, *r, CLEAR_M))
+        .collect();
+    // Two numbers of one splitmix64 stream: neighbouring seeds are far apart.
+    let mix = |n: u64| {
+        let mut z = seed.wrapping_add(n.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    };
+    let Some((c, r)) = places.get((mix(1) % places.len().max(1) as u64) as usize) else {
+        return home;
+    };
+    let p = plan.centre_of(*c, *r);
+    let yaw_rad = ((mix(2) % 3600) as f64 * 0.1 - 180.0).to_radians();
+    MapPose::new(p.x(), p.y(), yaw_rad)
 }
 
 /// Endpoints a user named.

@@ -5,7 +5,7 @@
 //! | --- | --- |
 //! | bytes | kept per sender until ENTER, which is `\r`, `\n` or the pair; a half line is dropped after 10 s |
 //! | `count` | at most 70; 0 is a poll: it brings out what is waiting and nothing else |
-//! | flags | REPLY set: not for us. RESPOND without MULTI: one reply for each message. Else all replies at once |
+//! | flags | REPLY set: not for us. All replies at once whatever RESPOND and MULTI say: MAVSDK 4.1.0 asks with RESPOND alone and expects all |
 //! | EXCLUSIVE, BLOCKING | ignored: each sender has a console of its own |
 //! | replies | device 10, flag REPLY, at most 70 bytes, to the sender, plain ASCII, ending in the prompt |
 //! | other devices | silence |
@@ -43,10 +43,6 @@ use vehicle::Timestamp;
 const SHELL: u8 = 10;
 /// SERIAL_CONTROL_FLAG: this is a reply.
 const REPLY: u8 = 1;
-/// SERIAL_CONTROL_FLAG: a reply is wanted.
-const RESPOND: u8 = 2;
-/// SERIAL_CONTROL_FLAG: many replies are wanted.
-const MULTI: u8 = 16;
 
 /// Payload of one SERIAL_CONTROL, bytes.
 const CHUNK: usize = 70;
@@ -84,20 +80,10 @@ struct Console {
     is_too_long: bool,
     /// The last byte was `\r`: a `\n` now belongs to it.
     was_return: bool,
-    replies: Replies,
     output: VecDeque<u8>,
     pending: ArrayVec<Pending, MAX_PENDING>,
     /// The refusal printed last for the line under way: a line of keys refused for one reason says it once.
     refusal: Option<Refusal>,
-}
-
-/// How many replies the sender wants.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Replies {
-    /// As they come.
-    All,
-    /// One for each message; `true` while one is owed.
-    One(bool),
 }
 
 #[derive(Debug)]
@@ -145,11 +131,6 @@ impl KeyConsole {
         console.drop_stale_line(now);
         console.peer = from;
         console.heard_at = now;
-        console.replies = if m.flags & (RESPOND | MULTI) == RESPOND {
-            Replies::One(true)
-        } else {
-            Replies::All
-        };
         console.push(now, bytes, is_manual, ctx, out);
         console.flush(out);
     }
@@ -239,7 +220,6 @@ impl Console {
             line: ArrayVec::new(),
             is_too_long: false,
             was_return: false,
-            replies: Replies::All,
             output: VecDeque::new(),
             pending: ArrayVec::new(),
             refusal: None,
@@ -450,10 +430,7 @@ impl Console {
     }
 
     fn flush(&mut self, out: &mut Outbox) {
-        while !self.output.is_empty() && self.replies != Replies::One(false) {
-            if let Replies::One(is_owed) = &mut self.replies {
-                *is_owed = false;
-            }
+        while !self.output.is_empty() {
             let mut data = [0; CHUNK];
             let count = self.output.len().min(CHUNK);
             for (to, byte) in data.iter_mut().zip(self.output.drain(..count)) {
