@@ -88,7 +88,7 @@ if [ $quick -eq 0 ]; then
     if [ ! -e "$stamp" ]; then
         echo "making a Python environment in .venv and installing $(grep -vc '^#' "$requirements") packages (pymavlink, MAVSDK, MAVProxy ...)"
         rm -rf .venv
-        python3 -m venv .venv && .venv/bin/pip install -q --disable-pip-version-check -r "$requirements" && touch "$stamp"
+        python3 -m venv .venv && .venv/bin/pip install -q --disable-pip-version-check --no-deps -r "$requirements" && touch "$stamp"
     fi
     if [ -e "$stamp" ]; then
         python_log="$log_dir/python.log"

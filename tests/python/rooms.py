@@ -81,9 +81,7 @@ class Room:
     def _floor(self):
         """The exported PGM as a function: is this plan point free floor?"""
         if not hasattr(self, "_free"):
-            yaml = dict(
-                line.split(":", 1) for line in self.plan.read_text().splitlines() if ":" in line and line[0] != " "
-            )
+            yaml = dict(line.split(":", 1) for line in self.plan.read_text().splitlines() if ":" in line and line[0] != " ")
             resolution = float(yaml["resolution"])
             origin = json.loads(yaml["origin"])
             width, height, pixels = read_pgm(self.folder / yaml["image"].strip())

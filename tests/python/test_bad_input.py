@@ -294,7 +294,9 @@ def test_offboard_stream_that_stops_leads_to_hold():
         def stream(seconds, north):
             for _ in station.ticks(seconds):
                 with station.sending() as out:
-                    out.set_position_target_local_ned_send(0, 1, 1, mav.MAV_FRAME_LOCAL_NED, mask, 0, 0, 0, north, 0, 0, 0, 0, 0, 0, 0)
+                    out.set_position_target_local_ned_send(
+                        0, 1, 1, mav.MAV_FRAME_LOCAL_NED, mask, 0, 0, 0, north, 0, 0, 0, 0, 0, 0, 0
+                    )
                 time.sleep(0.05)
 
         stream(0.6, 0.0)

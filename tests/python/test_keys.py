@@ -240,7 +240,9 @@ def fly_keys(framing, seed):
         shown.append(f"{what} {motion[axis]:+.2f}")
         still = [k for k in ("forward", "right", "up") if k != axis and abs(motion[k]) > 0.2]
         if not least <= motion[axis] <= most or still:
-            wrong.append(f"{what}: wanted {axis} {least:+.2f}..{most:+.2f}, got " + ", ".join(f"{k} {v:+.2f}" for k, v in motion.items()))
+            wrong.append(
+                f"{what}: wanted {axis} {least:+.2f}..{most:+.2f}, got " + ", ".join(f"{k} {v:+.2f}" for k, v in motion.items())
+            )
     assert not wrong, "\n".join(wrong)
     assert truth.contacts() == 0
     return ", ".join(shown)

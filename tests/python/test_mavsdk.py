@@ -206,7 +206,10 @@ def test_mission_upload_start_progress_finished():
         back = drone.mission.download_mission()
         assert len(back.mission_items) == len(items)
         for sent, got in zip(items, back.mission_items):
-            assert abs(sent.latitude_deg - got.latitude_deg) < 2e-7 and abs(sent.relative_altitude_m - got.relative_altitude_m) < 1e-3
+            assert (
+                abs(sent.latitude_deg - got.latitude_deg) < 2e-7
+                and abs(sent.relative_altitude_m - got.relative_altitude_m) < 1e-3
+            )
         drone.action.arm()
         drone.mission.start_mission()
         drone.wait(lambda: drone.telemetry.flight_mode() == 4, 5.0, "flight_mode MISSION")

@@ -118,7 +118,9 @@ class Search:
 
     def __str__(self):
         if not self.claimed:
-            return f"seed {self.seed}: not localized, mission {'refused' if self.refusal else 'NOT refused'}, landed {self.landed}"
+            return (
+                f"seed {self.seed}: not localized, mission {'refused' if self.refusal else 'NOT refused'}, landed {self.landed}"
+            )
         worst = max(self.passed_m)
         return (
             f"seed {self.seed}: localized {self.after_s:.1f} s after take-off, {len(self.wrong)} wrong samples, "

@@ -328,5 +328,7 @@ def test_sticks_towards_a_wall_stop_before_it():
         station.land()
     truth = kestrel.truth()
     a = truth.at(end)
-    assert truth.contacts() == 0 and math.hypot(a.x, a.y) > 0.7, f"moved {math.hypot(a.x, a.y):.2f} m, contacts {truth.contacts()}"
+    assert truth.contacts() == 0 and math.hypot(a.x, a.y) > 0.7, (
+        f"moved {math.hypot(a.x, a.y):.2f} m, contacts {truth.contacts()}"
+    )
     return f"went {math.hypot(a.x, a.y):.2f} m, no contact"
