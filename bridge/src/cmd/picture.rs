@@ -129,15 +129,15 @@ impl Picture<'_> {
 
     fn legend(&self, out: &mut String) {
         let entries = [
-            ("#1f77b4", "", "true path"),
-            ("#e8710a", "6 4", "estimated path"),
-            ("#8250df", "1 5", "set points"),
+            ("#1f77b4", 3, "", "true path"),
+            ("#e8710a", 2, "6 4", "estimated path"),
+            ("#8250df", 8, "0.1 16", "set points"),
         ];
-        for (i, (colour, dash, words)) in entries.iter().enumerate() {
+        for (i, (colour, width, dash, words)) in entries.iter().enumerate() {
             let x = 24.0 + 170.0 * i as f64;
             let _ = writeln!(
                 out,
-                r##"<line x1="{x}" y1="50" x2="{}" y2="50" stroke="{colour}" stroke-width="3" stroke-dasharray="{dash}"/><text x="{}" y="55" font-size="14" fill="#1d2733">{words}</text>"##,
+                r##"<line x1="{x}" y1="50" x2="{}" y2="50" stroke="{colour}" stroke-width="{width}" stroke-linecap="round" stroke-dasharray="{dash}"/><text x="{}" y="55" font-size="14" fill="#1d2733">{words}</text>"##,
                 x + 34.0,
                 x + 42.0,
             );

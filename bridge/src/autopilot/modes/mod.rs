@@ -1,6 +1,6 @@
 //! Flight modes, one file each. A mode looks at the [`Cockpit`] each tick and says what to fly or what comes next.
 //!
-//! To add one: a variant of [`Mode`](super::mode::Mode), a file here, its arm in [`Arbiter::step`](super::arbiter::Arbiter),
+//! To add one: a variant of [`Mode`], a file here, its arm in [`Arbiter::step`](super::arbiter::Arbiter),
 //! its wire code in `gcs/convert.rs`.
 
 pub mod climb;
