@@ -163,7 +163,7 @@ def test_connect_arm_takeoff_goto_hold_shell_land():
     )
     assert abs(height - 1.2) < 0.15, figures
     assert goto <= 0.25 and turned < 0.15, f"{figures}, heading off by {turned:.2f} rad"
-    assert drift <= 0.15, figures
+    assert drift <= 0.2, figures
     assert abs(forward - 0.4) < 0.25, figures
     assert landed < 0.25 and truth.last.z > -0.1 and truth.contacts() == 0, figures
     assert len(status) > 20, status

@@ -66,7 +66,7 @@ pub(crate) struct SimArgs {
     /// Number of this vehicle: system id 1 + N, default ports + 10 N.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=200))]
     pub(crate) instance: u16,
-    /// A person who walks from one place to the other: x1,y1,x2,y2,speed[,start_s] (plan metres, m/s; repeatable).
+    /// A person who walks from one place to the other: x1,y1,x2,y2,speed and, if wanted, a start time (plan metres, m/s, s; repeatable).
     #[arg(
         long,
         value_name = "x1,y1,x2,y2,speed[,start_s]",
