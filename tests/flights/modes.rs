@@ -7,7 +7,7 @@
 )]
 
 use flight_tests::{Flight, Scenario, modes};
-use mavlink_dialect::{raw, standard};
+use mavlink_dialect::raw;
 
 fn airborne() -> Flight {
     let mut f = Scenario::office().seed(4).start();
@@ -29,8 +29,6 @@ fn body_velocity(f: &Flight) -> [f64; 2] {
 #[test]
 fn goes_where_it_is_sent_and_stays() {
     let mut f = airborne();
-    let p = standard::MavFrame::MAV_FRAME_LOCAL_NED as u8;
-    let _ = p;
     let start = f.truth().position;
     // DO_REPOSITION in local terms is not in the standard: fly by an off-board position target instead.
     stream(&mut f, 3.0, |_| position_target(1.0, 0.5, -1.2));

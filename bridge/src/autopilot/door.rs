@@ -626,7 +626,7 @@ pub struct FcStatus {
 pub struct LoopStatus {
     /// Ticks since start.
     pub ticks: u64,
-    /// Ticks that came more than a period late.
+    /// Periods that passed without a tick; never made up for.
     pub missed: u64,
     /// Age of the newest attitude when the last RC frame was made, us.
     pub sample_to_command_us: f64,

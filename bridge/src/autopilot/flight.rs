@@ -181,7 +181,7 @@ impl Flight {
             Input::JobDone(result) => self.estimator.search_done(&result),
             Input::Wake => {}
         }
-        self.listen(now);
+        self.listen();
         if self.pace.is_due(now) {
             self.tick(now);
         }
@@ -224,9 +224,12 @@ impl Flight {
     // ---- the tick ----------------------------------------------------------------------------------------------
 
     fn tick(&mut self, now: Timestamp) {
-        let dt_s = now.since(self.last_tick).as_secs_f64().clamp(1e-3, 0.2);
+        let since_last = now.since(self.last_tick);
+        let dt_s = since_last.as_secs_f64().clamp(1e-3, 0.2);
         self.last_tick = now;
         self.snapshot.flight_loop.ticks += 1;
+        let periods = since_last.as_micros() / self.pace.period().as_micros().max(1);
+        self.snapshot.flight_loop.missed += periods.saturating_sub(1) as u64;
 
         // Estimate.
         self.estimator.update(now);
@@ -369,7 +372,7 @@ impl Flight {
     // ---- flight controller -------------------------------------------------------------------------------------
 
     /// Takes in what the flight controller said.
-    fn listen(&mut self, now: Timestamp) {
+    fn listen(&mut self) {
         use msp::client::Event as Said;
         while let Some(said) = self.client.poll_event() {
             match said {
@@ -406,7 +409,6 @@ impl Flight {
                 | Said::Malformed(_) => {}
             }
         }
-        let _ = now;
     }
 
     fn reply(&mut self, received: Timestamp, reply: &Reply) {
