@@ -16,6 +16,7 @@
 //! | [`Estimator`] | the whole: inputs, both filters, localization, health |
 //! | [`kalman`] | the error-state Kalman filter; one observation model per file in [`kalman::aid`] |
 //! | [`mcl`] | Monte Carlo localization, global search, when to believe them |
+//! | [`imu`] | uQuad's inertial unit: bytes to metres and radians |
 //! | [`EstimatorParams`] | every tunable |
 //! | [`Diagnostics`] | what was seen and refused |
 //!
@@ -56,6 +57,7 @@
 mod diagnostics;
 mod estimator;
 mod freshness;
+pub mod imu;
 pub mod kalman;
 pub mod mcl;
 mod params;
