@@ -17,6 +17,7 @@
 //! | [`kalman`] | the error-state Kalman filter; one observation model per file in [`kalman::aid`] |
 //! | [`mcl`] | Monte Carlo localization, global search, when to believe them |
 //! | [`imu`] | uQuad's inertial unit: bytes to metres and radians |
+//! | [`thesis`] | uQuad's own filter, selectable, proven on its recording |
 //! | [`EstimatorParams`] | every tunable |
 //! | [`Diagnostics`] | what was seen and refused |
 //!
@@ -61,6 +62,7 @@ pub mod imu;
 pub mod kalman;
 pub mod mcl;
 mod params;
+pub mod thesis;
 mod trail;
 
 pub use diagnostics::Diagnostics;

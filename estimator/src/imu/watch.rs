@@ -21,9 +21,9 @@ const GAP_US: u32 = 1_000_000;
 const ACCEL_RAIL: i16 = 4095;
 const GYRO_RAIL: i16 = 32_767;
 const MAG_RAIL: i16 = 2047;
-/// A real accelerometer and gyro flicker by a count; half a second of sameness is none (recording: never above 1 frame).
+/// A real accelerometer and gyro flicker by a count; half a second of sameness is none (recording: at most 2 repeats).
 const STUCK_FRAMES: u32 = 50;
-/// The magnetometer is read at 14 Hz: two seconds (recording: at most 14 frames).
+/// The magnetometer is read at 14 Hz: two seconds (recording: at most 6 repeats).
 const MAG_STUCK_FRAMES: u32 = 200;
 /// Pressure step that is no flight, Pa: 20 m between two frames.
 const SPIKE_PA: u32 = 250;
