@@ -16,6 +16,8 @@
 //! | [`Estimator`] | the whole: inputs, both filters, localization, health |
 //! | [`kalman`] | the error-state Kalman filter; one observation model per file in [`kalman::aid`] |
 //! | [`mcl`] | Monte Carlo localization, global search, when to believe them |
+//! | [`imu`] | uQuad's inertial unit: bytes to metres and radians |
+//! | [`thesis`] | uQuad's own filter, selectable, proven on its recording |
 //! | [`EstimatorParams`] | every tunable |
 //! | [`Diagnostics`] | what was seen and refused |
 //!
@@ -56,9 +58,11 @@
 mod diagnostics;
 mod estimator;
 mod freshness;
+pub mod imu;
 pub mod kalman;
 pub mod mcl;
 mod params;
+pub mod thesis;
 mod trail;
 
 pub use diagnostics::Diagnostics;
