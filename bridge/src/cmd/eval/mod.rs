@@ -1,0 +1,28 @@
+//! `kestrel eval`: estimators on recorded logs, for people who tune on their own. One file per estimator.
+
+mod attitude;
+mod chart;
+mod progress;
+
+use anyhow::Result;
+use clap::{Args, Subcommand};
+use std::process::ExitCode;
+
+/// Run an estimator on a recorded log.
+#[derive(Debug, Args)]
+pub(crate) struct EvalArgs {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Attitude of a 9-axis sensor: gyro, accelerometer, magnetometer.
+    Attitude(attitude::AttitudeArgs),
+}
+
+pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
+    match args.what {
+        What::Attitude(args) => attitude::run(&args),
+    }
+}
