@@ -14,6 +14,7 @@
 //! | Module | Holds |
 //! | --- | --- |
 //! | [`Estimator`] | the whole: inputs, both filters, localization, health |
+//! | [`attitude`] | attitude of a 9-axis sensor alone, without a flight controller or a map |
 //! | [`kalman`] | the error-state Kalman filter; one observation model per file in [`kalman::aid`] |
 //! | [`mcl`] | Monte Carlo localization, global search, when to believe them |
 //! | [`imu`] | uQuad's inertial unit: bytes to metres and radians |
@@ -55,6 +56,7 @@
 //! Joan Sola, "Quaternion kinematics for the error-state Kalman filter" (2017). Sebastian Thrun, Wolfram Burgard, Dieter
 //! Fox, "Probabilistic Robotics" (2005).
 
+pub mod attitude;
 mod diagnostics;
 mod estimator;
 mod freshness;

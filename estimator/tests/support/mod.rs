@@ -7,5 +7,6 @@
     reason = "test code outside of test functions"
 )]
 
+pub mod broad;
 pub mod maze;
 pub mod world;

@@ -1,5 +1,6 @@
-//! `kestrel eval`: estimators on recorded logs, for people who tune on their own. One file per estimator.
+//! `kestrel eval`: the production estimators on recorded logs, for those who tune on their own. One file per estimator.
 
+mod attitude;
 mod chart;
 mod progress;
 mod uquad;
@@ -17,12 +18,15 @@ pub(crate) struct EvalArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// Attitude of a 9-axis sensor: gyro, accelerometer, magnetometer.
+    Attitude(attitude::AttitudeArgs),
     /// uQuad's chain: raw counts, conversion, filter, motor speeds.
     Uquad(uquad::UquadArgs),
 }
 
 pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
     match args.what {
+        What::Attitude(args) => attitude::run(&args),
         What::Uquad(args) => uquad::run(&args),
     }
 }
