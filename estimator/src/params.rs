@@ -49,6 +49,8 @@ vehicle::params! {
         ray_std_m: float "MCL_RAY_STD" = 0.06, "m", 0.01..=0.5;
         /// Deviation of a sonar return from the wall (algorithms note 2: 0.10; 0.08 is better on the recorded flights).
         cone_std_m: float "MCL_CONE_STD" = 0.08, "m", 0.01..=0.5;
+        /// Deviation of a laser return from the wall, plan errors included.
+        laser_std_m: float "MCL_LASER_STD" = 0.05, "m", 0.005..=0.5;
         /// Share of readings that mean nothing (algorithms note 2: 0.05; 0.03 is better on the recorded flights).
         random_share: float "MCL_RANDOM" = 0.03, "1", 0.001..=0.5;
         /// Position noise per metre of odometry (algorithms note 2: 0.08; recorded flow odometry is worse: 0.12).

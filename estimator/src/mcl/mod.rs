@@ -6,6 +6,7 @@
 //! | [`beams`] | scans as level points: rays, cones, beams without return |
 //! | [`field`] | the plan as a table of distances |
 //! | [`sensor`] | likelihood of readings, by table |
+//! | [`drift`] | bias and noise of odometry, learned while the place is known |
 //! | [`motion`] | how particles move with odometry |
 //! | [`particles`] | the particles, systematic resampling |
 //! | [`bins`] | counting by place; KLD size of the set |
@@ -15,12 +16,14 @@
 //! | [`search`](mod@search) | global start: exhaustive match of a stacked scan |
 //! | [`locator`] | searching, localized, lost: when to believe it |
 //! | [`random`] | seeded random numbers |
+//! | [`replay`] | recorded logs through the same locator, scored |
 //!
 //! Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), chapters 4, 6, 8; Fox 2003 (KLD).
 
 pub mod beams;
 pub mod bins;
 pub mod cluster;
+pub mod drift;
 pub mod field;
 pub mod filter;
 pub mod locator;
@@ -28,6 +31,7 @@ pub mod motion;
 pub mod particles;
 pub mod planar;
 pub mod random;
+pub mod replay;
 pub mod search;
 pub mod sensor;
 pub mod stack;
