@@ -1,5 +1,15 @@
 //! Every tunable of the estimator.
 
+vehicle::param_choice! {
+    /// Which localization runs.
+    pub enum MclVariant {
+        /// The one that is flown.
+        Production = 0, "production";
+        /// The filter of the SNSI thesis, to compare with.
+        Thesis = 1, "thesis";
+    }
+}
+
 vehicle::params! {
     /// Parameters of the estimator.
     pub struct EstimatorParams {
@@ -59,5 +69,7 @@ vehicle::params! {
         good_fit: float "MCL_FIT_GOOD" = 0.7, "1", 0.3..=1.0;
         /// Below this share the place is doubted (recorded flights with other drones about: never below 0.8; a kidnapped vehicle: below 0.6 at once).
         bad_fit: float "MCL_FIT_BAD" = 0.6, "1", 0.1..=0.9;
+        /// Which localization runs: production, or the SNSI thesis to compare with (taken at start).
+        mcl_variant: choice<MclVariant> "MCL_VARIANT" = MclVariant::Production;
     }
 }

@@ -15,6 +15,8 @@
 //! | [`stack`] | scans of the last seconds as one |
 //! | [`search`](mod@search) | global start: exhaustive match of a stacked scan |
 //! | [`locator`] | searching, localized, lost: when to believe it |
+//! | [`thesis`] | the filter of the SNSI thesis, to compare with |
+//! | [`localizer`] | one of the two |
 //! | [`random`] | seeded random numbers |
 //! | [`replay`] | recorded logs through the same locator, scored |
 //!
@@ -26,6 +28,7 @@ pub mod cluster;
 pub mod drift;
 pub mod field;
 pub mod filter;
+pub mod localizer;
 pub mod locator;
 pub mod motion;
 pub mod particles;
@@ -35,9 +38,11 @@ pub mod replay;
 pub mod search;
 pub mod sensor;
 pub mod stack;
+pub mod thesis;
 
 pub use field::Field;
 pub use filter::ParticleFilter;
+pub use localizer::Localizer;
 pub use locator::{Fix, Locator};
 pub use planar::Planar;
 pub use search::{Peak, SearchRequest, SearchResult, search};

@@ -1,4 +1,4 @@
-//! A recorded log driven through the same [`Locator`] that flies.
+//! A recorded log driven through the same [`Localizer`] that flies.
 //!
 //! Rows are fed in order; a pose comes out for each stop or scan. Searches, which in flight run outside the loop, are
 //! answered at once. Only public doors of the locator are used: nothing here knows anything that a flight does not.
@@ -9,7 +9,7 @@ pub mod score;
 pub use log::{Log, LogError, Row, Sensors};
 
 use super::beams::{Stance, level};
-use super::locator::Locator;
+use super::localizer::Localizer;
 use super::planar::Planar;
 use super::search::search;
 use crate::EstimatorParams;
@@ -58,14 +58,19 @@ pub struct Placed {
 /// A log on its way through a locator.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    locator: Locator,
+    locator: Localizer,
 }
 
 impl Replay {
     /// A locator on a plan, before the first row.
     #[must_use]
     pub fn new(params: &EstimatorParams, plan: &FloorPlan, begin: Begin, seed: u64) -> Self {
-        let mut locator = Locator::new(params, plan, seed);
+        Self::with(Localizer::new(params, plan, seed), begin)
+    }
+
+    /// The same with a localizer made elsewhere.
+    #[must_use]
+    pub fn with(mut locator: Localizer, begin: Begin) -> Self {
         match begin {
             Begin::At(pose) => locator.start_at(pose, START_STD_M, START_STD_RAD),
             Begin::Anywhere => locator.start_unknown(),
@@ -112,7 +117,7 @@ impl Replay {
 
     /// The locator.
     #[must_use]
-    pub const fn locator(&self) -> &Locator {
+    pub const fn locator(&self) -> &Localizer {
         &self.locator
     }
 }
