@@ -70,4 +70,4 @@ mod trail;
 pub use diagnostics::Diagnostics;
 pub use estimator::{Estimator, OdometryPose};
 pub use mcl::search::{SearchRequest, SearchResult, search};
-pub use params::EstimatorParams;
+pub use params::{EstimatorParams, MclVariant};

@@ -1,4 +1,4 @@
-//! What the tests share: recorded maze flights and a synthetic world with its own ray caster.
+//! What the tests share: a synthetic world with its own ray caster.
 #![allow(dead_code, reason = "each test binary uses a part")]
 #![allow(unreachable_pub, reason = "shared between test binaries")]
 #![allow(
@@ -8,5 +8,5 @@
 )]
 
 pub mod broad;
-pub mod maze;
+pub mod recordings;
 pub mod world;

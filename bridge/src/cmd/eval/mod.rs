@@ -2,6 +2,7 @@
 
 mod attitude;
 mod chart;
+mod mcl;
 mod progress;
 mod uquad;
 
@@ -20,6 +21,8 @@ pub(crate) struct EvalArgs {
 enum What {
     /// Attitude of a 9-axis sensor: gyro, accelerometer, magnetometer.
     Attitude(attitude::AttitudeArgs),
+    /// Localization on a floor plan: ranges and odometry in, poses out.
+    Mcl(mcl::MclArgs),
     /// uQuad's chain: raw counts, conversion, filter, motor speeds.
     Uquad(uquad::UquadArgs),
 }
@@ -27,6 +30,7 @@ enum What {
 pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
     match args.what {
         What::Attitude(args) => attitude::run(&args),
+        What::Mcl(args) => mcl::run(&args),
         What::Uquad(args) => uquad::run(&args),
     }
 }
