@@ -156,6 +156,16 @@ pub(crate) fn characters<S: serde::Serializer>(
     serializer.serialize_str(&String::from_utf8_lossy(bytes.as_ref()))
 }
 
+/// Bytes that are one long number, for programs that print them.
+pub(crate) fn hexadecimal<S: serde::Serializer>(
+    bytes: &Option<[u8; 32]>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    let digits = |bytes: &[u8; 32]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    let text: Option<String> = bytes.as_ref().map(digits);
+    serde::Serialize::serialize(&text, serializer)
+}
+
 /// Characters without a length of their own: they fill the rest of the payload (at most 512, the
 /// output buffer of the firmwares).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -56,6 +56,7 @@ messages! {
         /// Betaflight: manufacturer id.
         manufacturer: Option<ShortText>,
         /// Betaflight: signature.
+        #[serde(serialize_with = "crate::wire::hexadecimal")]
         signature: Option<[u8; 32]>,
         /// Betaflight: processor type.
         mcu_type: Option<u8>,
