@@ -403,7 +403,20 @@ impl Flight {
                     self.fc.is_connected = false;
                     self.snapshot.imu = None;
                 }
-                Said::Recovered { .. }
+                Said::Slow {
+                    service_rate_hz,
+                    cli_line,
+                    ..
+                } => self.emit(Output::Event(Event::Notice(Notice::FcSlow {
+                    service_hz: service_rate_hz.round() as u16,
+                    has_cli_line: cli_line.is_some(),
+                }))),
+                Said::Restarted => {
+                    self.emit(Output::Event(Event::Notice(Notice::FcRestarted)));
+                }
+                Said::Stalled => self.emit(Output::Event(Event::Notice(Notice::FcStalled))),
+                Said::Changed(_)
+                | Said::Recovered { .. }
                 | Said::Refused { .. }
                 | Said::Unanswered { .. }
                 | Said::Malformed(_) => {}
