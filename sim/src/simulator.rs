@@ -4,6 +4,7 @@ use crate::config::{SimConfig, SimError, check};
 use crate::craft::{Craft, Shared};
 use crate::fc::uart::BURST;
 use crate::room::{Room, RoomFacts};
+use crate::sensor::MagneticField;
 use crate::world::World;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -123,6 +124,7 @@ impl Simulator {
     pub fn new(config: SimConfig) -> Result<Self, SimError> {
         check(&config)?;
         let anchor = config.room.anchor();
+        let field = MagneticField::new(config.room.segments(), &anchor, config.seed);
         let crafts: Vec<Craft> = config
             .vehicles
             .iter()
@@ -136,6 +138,7 @@ impl Simulator {
                     config.seed,
                     i,
                     &anchor,
+                    &field,
                 )
             })
             .collect();

@@ -5,6 +5,7 @@
 //! | ATTITUDE roll 0.1 deg right +, pitch 0.1 deg nose DOWN +, yaw whole deg clockwise | rad, pitch nose up + |
 //! | RAW_IMU acc counts, forward left up | m/s2, forward right down: (x, -y, -z) |
 //! | RAW_IMU gyro counts, x roll right, y nose down, z counter-clockwise | rad/s: (x, -y, -z) |
+//! | RAW_IMU mag counts, forward left up; all zero without a magnetometer | counts, (x, -y, -z); none |
 //! | ALTITUDE cm, cm/s | m, m/s, up + |
 //! | ANALOG, BATTERY_STATE 0.1 or 0.01 V, 0.01 A | V, A |
 //!
@@ -73,6 +74,7 @@ impl Convert {
     pub fn imu(&mut self, at: Timestamp, raw: &RawImu, at_rest: bool) -> Option<ImuSample> {
         let [ax, ay, az] = raw.acc.map(f64::from);
         let [gx, gy, gz] = raw.gyro.map(f64::from);
+        let [mx, my, mz] = raw.mag.map(f64::from);
         if self.acc_mps2_per_count.is_none() && at_rest {
             self.learn_scale(libm::sqrt(ax * ax + ay * ay + az * az));
         }
@@ -82,6 +84,7 @@ impl Convert {
             at,
             accel_mps2: In::new(ax, -ay, -az) * acc,
             gyro_radps: In::new(gx, -gy, -gz) * gyro,
+            mag: (raw.mag != [0; 3]).then(|| In::new(mx, -my, -mz)),
         })
     }
 

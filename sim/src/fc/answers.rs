@@ -6,6 +6,7 @@ use super::FlightController;
 use super::receiver::AETR;
 use crate::quad::Quad;
 use crate::quad::battery::{CAPACITY_MAH, CELLS};
+use crate::sensor::MAG_COUNTS_PER_GAUSS;
 use arrayvec::ArrayVec;
 use core::f64::consts::PI;
 use msp::firmware::box_id;
@@ -35,6 +36,7 @@ const BOXES: [(u8, &str); 8] = [
 const BOX_NAMES: &str = "ARM;ANGLE;HORIZON;HEADFREE;FAILSAFE;HEADADJ;BEEPER;MSP OVERRIDE;";
 /// Accelerometer, barometer, gyro.
 const SENSORS: u16 = 1 | 1 << 1 | 1 << 5;
+const SENSOR_MAG: u16 = 1 << 2;
 const ACC_COUNTS_PER_MPS2: f64 = 2048.0 / GRAVITY_MPS2;
 const GYRO_COUNTS_PER_RADPS: f64 = 16.4 * 180.0 / PI;
 
@@ -164,11 +166,15 @@ impl FlightController {
 
     fn raw_imu(&mut self, quad: &Quad) -> RawImu {
         let (accel, gyro) = self.imu.read(quad.rates(), quad.mean_speed());
+        let field = self
+            .mag
+            .as_mut()
+            .map(|mag| mag.read(quad.position(), &quad.attitude(), quad.mean_speed()));
         let flu = |v: In<Frd>, scale: f64| [v.x(), -v.y(), -v.z()].map(|c| whole(c * scale));
         RawImu {
             acc: flu(accel, ACC_COUNTS_PER_MPS2),
             gyro: flu(gyro, GYRO_COUNTS_PER_RADPS),
-            mag: [0; 3],
+            mag: field.map_or([0; 3], |field| flu(field, MAG_COUNTS_PER_GAUSS)),
         }
     }
 
@@ -200,7 +206,7 @@ impl FlightController {
         StatusHead {
             cycle_time_us: 125,
             i2c_errors: 0,
-            sensors: SENSORS,
+            sensors: SENSORS | if self.mag.is_some() { SENSOR_MAG } else { 0 },
             mode_flags: flags.sum(),
             profile: 0,
         }

@@ -23,7 +23,7 @@ mod stabilizer;
 pub(crate) mod uart;
 
 use crate::quad::Quad;
-use crate::sensor::{BARO_STEP_S, Baro, Imu};
+use crate::sensor::{BARO_STEP_S, Baro, Imu, Mag, MagneticField};
 use arming::{Arming, Situation};
 use core::time::Duration;
 use estimate::Estimate;
@@ -32,6 +32,7 @@ use msp::message::ModeRange;
 use receiver::Receiver;
 use serde::{Deserialize, Serialize};
 use stabilizer::{Command, IDLE, Stabilizer};
+use std::sync::Arc;
 use uart::Uart;
 use vehicle::{Pace, Timestamp};
 
@@ -88,6 +89,9 @@ pub struct FcConfig {
     pub serial_rate_hz: u32,
     /// Speed of the UART, bits a second.
     pub baud: u32,
+    /// Whether it has a magnetometer. It is only reported: the controller's own heading stays that of its gyro, as one sets
+    /// it up for flight between steel.
+    pub mag: bool,
 }
 
 impl Default for FcConfig {
@@ -96,6 +100,7 @@ impl Default for FcConfig {
             firmware: Firmware::default(),
             serial_rate_hz: 100,
             baud: 115_200,
+            mag: true,
         }
     }
 }
@@ -114,6 +119,7 @@ pub(crate) struct FlightController {
     stabilizer: Stabilizer,
     imu: Imu,
     baro: Baro,
+    mag: Option<Mag>,
     baro_task: Pace,
     mode_ranges: [ModeRange; MODE_SLOTS],
     features: u32,
@@ -126,7 +132,13 @@ pub(crate) struct FlightController {
 }
 
 impl FlightController {
-    pub(crate) fn new(config: FcConfig, seed: u64, vehicle: usize, quad: &Quad) -> Self {
+    pub(crate) fn new(
+        config: FcConfig,
+        seed: u64,
+        vehicle: usize,
+        quad: &Quad,
+        field: &Arc<MagneticField>,
+    ) -> Self {
         let mut mode_ranges = [ModeRange::default(); MODE_SLOTS];
         mode_ranges[0] = ModeRange::from_us(msp::firmware::box_id::ARM, 0, 1700, 2100);
         mode_ranges[1] = ModeRange::from_us(msp::firmware::box_id::ANGLE, 1, 900, 2100);
@@ -142,6 +154,9 @@ impl FlightController {
             stabilizer: Stabilizer::default(),
             imu: Imu::new(seed, vehicle),
             baro: Baro::new(seed, vehicle, quad.height_m()),
+            mag: config
+                .mag
+                .then(|| Mag::new(seed, vehicle, Arc::clone(field))),
             baro_task: Pace::hz(1.0 / BARO_STEP_S),
             mode_ranges,
             features: answers::FEATURES,
