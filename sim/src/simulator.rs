@@ -2,6 +2,7 @@
 
 use crate::config::{SimConfig, SimError, check};
 use crate::craft::{Craft, Shared};
+use crate::fc::Radio;
 use crate::fc::uart::BURST;
 use crate::room::{Room, RoomFacts};
 use crate::sensor::MagneticField;
@@ -215,6 +216,14 @@ impl Simulator {
     pub fn carry_to(&mut self, vehicle: usize, pose: MapPose) {
         self.crafts[vehicle].carry_to(pose, &self.anchor);
         self.place_vehicles();
+    }
+
+    /// What the pilot's transmitter sends to a vehicle from now on; none = switched off or out of reach.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn set_radio(&mut self, vehicle: usize, radio: Option<Radio>) {
+        self.crafts[vehicle].fc.set_radio(radio);
     }
 
     /// Swaps the battery for one with this charge, 0..=1.

@@ -7,13 +7,13 @@
 //! | RAW_IMU gyro counts, x roll right, y nose down, z counter-clockwise | rad/s: (x, -y, -z) |
 //! | RAW_IMU mag counts, forward left up; all zero without a magnetometer | counts, (x, -y, -z); none |
 //! | ALTITUDE cm, cm/s | m, m/s, up + |
-//! | ANALOG, BATTERY_STATE 0.1 or 0.01 V, 0.01 A | V, A |
+//! | ANALOG, BATTERY_STATE, INAV_ANALOG 0.1 or 0.01 V, 0.01 A | V, A |
 //!
 //! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
 
 use core::time::Duration;
 use msp::firmware::Firmware;
-use msp::message::{Altitude, Analog, Attitude, BatteryState, RawImu};
+use msp::message::{Altitude, Analog, Attitude, BatteryState, InavAnalog, RawImu};
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::angle::wrap_pi;
 use vehicle::{AttitudeSample, BaroSample, BatterySample, ImuSample, In, Timestamp};
@@ -43,6 +43,7 @@ pub const fn four_letters(firmware: Firmware) -> [u8; 4] {
 pub struct Convert {
     gyro_radps_per_count: f64,
     acc_mps2_per_count: Option<f64>,
+    has_only_analog: bool,
     norm_sum: f64,
     norm_samples: u32,
 }
@@ -54,6 +55,7 @@ impl Convert {
         Self {
             gyro_radps_per_count: (1.0 / firmware.gyro_counts_per_dps()).to_radians(),
             acc_mps2_per_count: firmware.acc_counts_per_g().map(|c| GRAVITY_MPS2 / c),
+            has_only_analog: !matches!(firmware, Firmware::Betaflight | Firmware::Inav),
             norm_sum: 0.0,
             norm_samples: 0,
         }
@@ -136,6 +138,41 @@ impl Convert {
             cells: b.cells,
             remaining,
         }
+    }
+
+    /// Battery of a firmware that has only ANALOG; none for Betaflight and INAV, whose own messages say more.
+    #[must_use]
+    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> Option<BatterySample> {
+        self.has_only_analog.then(|| BatterySample {
+            at,
+            voltage_v: a
+                .vbat_cv
+                .map_or(f64::from(a.vbat_dv) * 0.1, |cv| f64::from(cv) * 0.01),
+            current_a: f64::from(a.current_ca) * 0.01,
+            used_mah: f64::from(a.drawn_mah),
+            // Neither cells nor capacity are told: how much is left is not known.
+            cells: 0,
+            remaining: None,
+        })
+    }
+
+    /// Battery of INAV.
+    #[must_use]
+    pub fn battery_of_inav(&self, at: Timestamp, a: &InavAnalog) -> BatterySample {
+        BatterySample {
+            at,
+            voltage_v: f64::from(a.vbat_cv) * 0.01,
+            current_a: f64::from(a.current_ca) * 0.01,
+            used_mah: f64::from(a.drawn_mah),
+            cells: a.cells(),
+            remaining: (a.cells() > 0).then(|| f64::from(a.percentage.min(100)) * 0.01),
+        }
+    }
+
+    /// Received signal strength of INAV, 0..=254.
+    #[must_use]
+    pub fn rssi_of_inav(&self, a: &InavAnalog) -> u8 {
+        (u32::from(a.rssi).min(1023) * 254 / 1023) as u8
     }
 
     /// Received signal strength, 0..=254.
