@@ -439,13 +439,14 @@ impl Flight {
             }
             Reply::BatteryState(b) => self.snapshot.battery = Some(convert.battery(sampled, b)),
             Reply::Analog(a) => {
-                self.fc.rssi = Some(convert.rssi(a));
-                if let Some(battery) = convert.battery_of_analog(sampled, a) {
-                    self.snapshot.battery = Some(battery);
+                self.fc.rssi = Some(convert.rssi(a.rssi));
+                // A message of its own that tells the cells says more.
+                if self.snapshot.battery.is_none_or(|b| b.cells == 0) {
+                    self.snapshot.battery = Some(convert.battery_of_analog(sampled, a));
                 }
             }
             Reply::InavAnalog(a) => {
-                self.fc.rssi = Some(convert.rssi_of_inav(a));
+                self.fc.rssi = Some(convert.rssi(a.rssi));
                 self.snapshot.battery = Some(convert.battery_of_inav(sampled, a));
             }
             Reply::Status(_) | Reply::StatusEx(_) | Reply::InavStatus(_) => {

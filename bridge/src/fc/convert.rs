@@ -43,7 +43,6 @@ pub const fn four_letters(firmware: Firmware) -> [u8; 4] {
 pub struct Convert {
     gyro_radps_per_count: f64,
     acc_mps2_per_count: Option<f64>,
-    has_only_analog: bool,
     norm_sum: f64,
     norm_samples: u32,
 }
@@ -55,7 +54,6 @@ impl Convert {
         Self {
             gyro_radps_per_count: (1.0 / firmware.gyro_counts_per_dps()).to_radians(),
             acc_mps2_per_count: firmware.acc_counts_per_g().map(|c| GRAVITY_MPS2 / c),
-            has_only_analog: !matches!(firmware, Firmware::Betaflight | Firmware::Inav),
             norm_sum: 0.0,
             norm_samples: 0,
         }
@@ -140,23 +138,22 @@ impl Convert {
         }
     }
 
-    /// Battery of a firmware that has only ANALOG; none for Betaflight and INAV, whose own messages say more.
+    /// Battery from the message of controllers that have none of its own: cells and capacity are not told.
     #[must_use]
-    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> Option<BatterySample> {
-        self.has_only_analog.then(|| BatterySample {
+    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> BatterySample {
+        BatterySample {
             at,
             voltage_v: a
                 .vbat_cv
                 .map_or(f64::from(a.vbat_dv) * 0.1, |cv| f64::from(cv) * 0.01),
             current_a: f64::from(a.current_ca) * 0.01,
             used_mah: f64::from(a.drawn_mah),
-            // Neither cells nor capacity are told: how much is left is not known.
             cells: 0,
             remaining: None,
-        })
+        }
     }
 
-    /// Battery of INAV.
+    /// Battery of INAV, which judges itself what is left.
     #[must_use]
     pub fn battery_of_inav(&self, at: Timestamp, a: &InavAnalog) -> BatterySample {
         BatterySample {
@@ -165,20 +162,14 @@ impl Convert {
             current_a: f64::from(a.current_ca) * 0.01,
             used_mah: f64::from(a.drawn_mah),
             cells: a.cells(),
-            remaining: (a.cells() > 0).then(|| f64::from(a.percentage.min(100)) * 0.01),
+            remaining: (a.cells() > 0).then(|| (f64::from(a.percentage) * 0.01).min(1.0)),
         }
     }
 
-    /// Received signal strength of INAV, 0..=254.
+    /// Received signal strength, 0..=254, of the controller's 0..=1023.
     #[must_use]
-    pub fn rssi_of_inav(&self, a: &InavAnalog) -> u8 {
-        (u32::from(a.rssi).min(1023) * 254 / 1023) as u8
-    }
-
-    /// Received signal strength, 0..=254.
-    #[must_use]
-    pub fn rssi(&self, a: &Analog) -> u8 {
-        (u32::from(a.rssi).min(1023) * 254 / 1023) as u8
+    pub fn rssi(&self, of_1023: u16) -> u8 {
+        (u32::from(of_1023).min(1023) * 254 / 1023) as u8
     }
 }
 
