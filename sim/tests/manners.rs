@@ -280,6 +280,11 @@ fn beside_a_radio_msp_has_the_sticks_only_while_the_pilot_lets_it() {
         p.sim.set_radio(0, Some(radio));
         p.fly(100, |_| {});
         assert_eq!(used(&mut p), [1600, 1700, 2000], "{manner}: handed over");
+        assert_eq!(
+            p.sim.used_sticks_us(0),
+            [1600, 1500, 1500, 1700],
+            "{manner}"
+        );
         radio.aux_us[3] = 1000;
         radio.sticks_us[0] = 1450;
         p.sim.set_radio(0, Some(radio));

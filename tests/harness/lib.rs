@@ -24,7 +24,7 @@ use bridge::settings::{Origin, Settings};
 use bridge::station::{GroundStation, Reply};
 use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::raw;
-use sim::{Manner, Room, SimConfig, Truth, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Radio, Room, SimConfig, Truth, VehicleConfig, Walker};
 use std::time::Duration;
 use vehicle::{MapPose, Pace, RingConfig, Timestamp};
 
@@ -62,6 +62,7 @@ pub struct Scenario {
     flow: bool,
     charge: f64,
     manner: Manner,
+    delivery: Delivery,
     params: Vec<(String, String)>,
 }
 
@@ -85,6 +86,7 @@ impl Scenario {
             flow: true,
             charge: 1.0,
             manner: Manner::default(),
+            delivery: Delivery::default(),
             params: Vec::new(),
         }
     }
@@ -145,6 +147,13 @@ impl Scenario {
         self
     }
 
+    /// Settings of the flight controller at the start: beside a radio, as delivered ...
+    #[must_use]
+    pub fn delivery(mut self, delivery: Delivery) -> Self {
+        self.delivery = delivery;
+        self
+    }
+
     /// A parameter of the vehicle.
     #[must_use]
     pub fn param(mut self, name: &str, value: &str) -> Self {
@@ -192,6 +201,7 @@ impl Scenario {
             ..VehicleConfig::new(pose, ring.clone())
         };
         vehicle.fc.manner = self.manner;
+        vehicle.fc.delivery = self.delivery;
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.people.clone(),
@@ -238,6 +248,11 @@ impl Flight {
     #[must_use]
     pub fn truth(&self) -> Truth {
         self.world.simulator.truth(0)
+    }
+
+    /// The pilot's transmitter from now on; none = off.
+    pub fn radio(&mut self, radio: Option<Radio>) {
+        self.world.simulator.set_radio(0, radio);
     }
 
     /// What the vehicle believes and does.

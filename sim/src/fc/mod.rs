@@ -310,6 +310,12 @@ impl FlightController {
         self.estimate.carried(yaw_rad);
     }
 
+    /// What the loops fly.
+    pub(crate) const fn used_sticks_us(&self) -> [u16; 4] {
+        let [roll, pitch, yaw, throttle, ..] = *self.receiver.channels_us();
+        [roll, pitch, yaw, throttle]
+    }
+
     /// The pilot's transmitter: switched on with these sticks, moved, or off.
     pub(crate) const fn set_radio(&mut self, radio: Option<Radio>) {
         self.radio = radio;

@@ -17,6 +17,8 @@ use msp::LongText;
 use msp::firmware::box_id;
 use msp::message::{FailsafeConfig, FeatureConfig, ModeRange, RxConfig, RxMap};
 use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
 
 /// Slots of MSP_MODE_RANGES at most.
 const MOST_SLOTS: usize = 40;
@@ -38,6 +40,36 @@ pub enum Delivery {
     BesideRadio,
     /// As it leaves the shop: a serial receiver, no mode switches.
     Factory,
+}
+
+impl Delivery {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::ReadyToFly, Self::BesideRadio, Self::Factory];
+
+    /// The name on the command line and in configuration files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ReadyToFly => "ready-to-fly",
+            Self::BesideRadio => "beside-radio",
+            Self::Factory => "factory",
+        }
+    }
+}
+
+impl fmt::Display for Delivery {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Delivery {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|delivery| delivery.name() == s);
+        found.ok_or_else(|| format!("one of {}", Self::ALL.map(Self::name).join(", ")))
+    }
 }
 
 /// Where sticks come from.
