@@ -37,7 +37,7 @@ use core::time::Duration;
 use estimate::Estimate;
 use manner::Table;
 use msp::Server;
-use receiver::Receiver;
+use receiver::{Mixing, Receiver};
 use serde::{Deserialize, Serialize};
 use settings::{Settings, Source};
 use stabilizer::{Command, Stabilizer};
@@ -221,8 +221,13 @@ impl FlightController {
         let ranges = &self.settings.mode_ranges;
         let range = ranges.iter().find(|r| r.is_used() && r.permanent_id == id);
         let switch = range.map(|r| 4 + usize::from(r.aux));
-        let mask = self.settings.override_mask;
-        self.receiver.update(now, mask, box_on, switch);
+        let rules = Mixing {
+            mask: self.settings.override_mask,
+            box_on,
+            switch,
+            without_signal: &self.settings.without_signal,
+        };
+        self.receiver.update(now, &rules);
         self.hears_radio = self.receiver.signal(now);
     }
 
@@ -269,7 +274,8 @@ impl FlightController {
         if self.arming.is_failsafe() {
             // Landing blindly: level, at the throttle of the failsafe configuration.
             let low = f64::from(min_check_us);
-            let lift = (f64::from(self.settings.failsafe.throttle_us) - low) / (2000.0 - low);
+            let range = (2000.0 - low).max(1.0);
+            let lift = (f64::from(self.settings.failsafe.throttle_us) - low) / range;
             command.sticks = [0.0, 0.0, 0.0, lift.clamp(0.0, 1.0)];
             command.angle_mode = true;
         }
@@ -301,6 +307,10 @@ impl FlightController {
         self.uart.deliver(now)
     }
 
+    pub(crate) fn receiver_us(&self) -> [u16; 4] {
+        [0, 1, 2, 3].map(|i| self.receiver.channels_us()[i])
+    }
+
     pub(crate) const fn is_armed(&self) -> bool {
         self.arming.is_armed()
     }
@@ -308,12 +318,6 @@ impl FlightController {
     /// The vehicle was carried to another heading.
     pub(crate) const fn carried(&mut self, yaw_rad: f64) {
         self.estimate.carried(yaw_rad);
-    }
-
-    /// What the loops fly.
-    pub(crate) const fn used_sticks_us(&self) -> [u16; 4] {
-        let [roll, pitch, yaw, throttle, ..] = *self.receiver.channels_us();
-        [roll, pitch, yaw, throttle]
     }
 
     /// The pilot's transmitter: switched on with these sticks, moved, or off.
