@@ -274,7 +274,7 @@ fn betaflight_holds_the_throttle_until_stage_two_once_told_so() {
         p.sends_rc = false;
         p.fly(1000, |_| {});
         assert!(p.sim.truth(0).armed);
-        assert_eq!(p.sim.receiver_us(0)[3], throttle);
+        assert_eq!(p.sim.used_sticks_us(0)[3], throttle);
         p.fly(600, |_| {});
         assert!(!p.sim.truth(0).armed, "stage 2 comes all the same");
     }
@@ -306,7 +306,11 @@ fn beside_a_radio_msp_has_the_sticks_only_while_the_pilot_lets_it() {
         p.sim.set_radio(0, Some(radio));
         p.fly(100, |_| {});
         assert_eq!(used(&mut p), [1600, 1700, 2000], "{manner}: handed over");
-        assert_eq!(p.sim.receiver_us(0), [1600, 1500, 1500, 1700], "{manner}");
+        assert_eq!(
+            p.sim.used_sticks_us(0),
+            [1600, 1500, 1500, 1700],
+            "{manner}"
+        );
         radio.aux_us[3] = 1000;
         radio.sticks_us[0] = 1450;
         p.sim.set_radio(0, Some(radio));

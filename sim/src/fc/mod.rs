@@ -307,10 +307,6 @@ impl FlightController {
         self.uart.deliver(now)
     }
 
-    pub(crate) fn receiver_us(&self) -> [u16; 4] {
-        [0, 1, 2, 3].map(|i| self.receiver.channels_us()[i])
-    }
-
     pub(crate) const fn is_armed(&self) -> bool {
         self.arming.is_armed()
     }
@@ -318,6 +314,12 @@ impl FlightController {
     /// The vehicle was carried to another heading.
     pub(crate) const fn carried(&mut self, yaw_rad: f64) {
         self.estimate.carried(yaw_rad);
+    }
+
+    /// What the loops fly.
+    pub(crate) const fn used_sticks_us(&self) -> [u16; 4] {
+        let [roll, pitch, yaw, throttle, ..] = *self.receiver.channels_us();
+        [roll, pitch, yaw, throttle]
     }
 
     /// The pilot's transmitter: switched on with these sticks, moved, or off.
