@@ -29,6 +29,8 @@ enum Command {
     Demo(cmd::demo::DemoArgs),
     /// Fly the real thing.
     Fly(cmd::fly::FlyArgs),
+    /// Look into the protocol of flight controllers.
+    Msp(cmd::msp::MspArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
@@ -46,6 +48,7 @@ fn main() -> ExitCode {
         Command::Sim(args) => cmd::sim::run(args),
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
+        Command::Msp(args) => cmd::msp::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),

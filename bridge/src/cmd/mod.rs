@@ -3,6 +3,7 @@
 pub(crate) mod demo;
 pub(crate) mod eval;
 pub(crate) mod fly;
+pub(crate) mod msp;
 pub(crate) mod params;
 pub(crate) mod picture;
 pub(crate) mod rooms;

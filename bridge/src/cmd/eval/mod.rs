@@ -1,6 +1,8 @@
-//! `kestrel eval`: estimators on recorded logs, for people who tune on their own. One file per estimator.
+//! `kestrel eval`: the production estimators on recorded logs, for those who tune on their own. One file per estimator.
 
+mod attitude;
 mod chart;
+mod mcl;
 mod progress;
 mod uquad;
 
@@ -17,12 +19,18 @@ pub(crate) struct EvalArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// Attitude of a 9-axis sensor: gyro, accelerometer, magnetometer.
+    Attitude(attitude::AttitudeArgs),
+    /// Localization on a floor plan: ranges and odometry in, poses out.
+    Mcl(mcl::MclArgs),
     /// uQuad's chain: raw counts, conversion, filter, motor speeds.
     Uquad(uquad::UquadArgs),
 }
 
 pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
     match args.what {
+        What::Attitude(args) => attitude::run(&args),
+        What::Mcl(args) => mcl::run(&args),
         What::Uquad(args) => uquad::run(&args),
     }
 }
