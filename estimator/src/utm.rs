@@ -9,7 +9,7 @@
 //! use estimator::utm::{SouthernOffset, Utm};
 //! let montevideo = Utm::from_degrees(-34.919363, -56.167382, SouthernOffset::Standard).unwrap();
 //! assert_eq!((montevideo.zone, montevideo.band), (21, 'H'));
-//! assert!((montevideo.easting_m - 576_053.1611).abs() < 1e-3);
+//! assert!((montevideo.easting_m - 576_053.161_1).abs() < 1e-3);
 //! ```
 
 use core::fmt;
@@ -157,17 +157,17 @@ mod tests {
         let at = |south| Utm::from_degrees(-34.919363, -56.167382, south).unwrap();
         let seed = at(SouthernOffset::Uquad);
         assert!(
-            (seed.easting_m - 576_053.1611).abs() < 1e-4,
+            (seed.easting_m - 576_053.161_1).abs() < 1e-4,
             "{}",
             seed.easting_m
         );
         assert!(
-            (seed.northing_m - 6_135_581.8919).abs() < 1e-4,
+            (seed.northing_m - 6_135_581.891_9).abs() < 1e-4,
             "{}",
             seed.northing_m
         );
         let standard = at(SouthernOffset::Standard);
-        assert!((standard.northing_m - 6_135_582.8919).abs() < 1e-4);
+        assert!((standard.northing_m - 6_135_582.891_9).abs() < 1e-4);
         assert_eq!((seed.zone, seed.band), (21, 'H'));
     }
 

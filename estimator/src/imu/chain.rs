@@ -400,6 +400,7 @@ impl ImuChain {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use crate::imu::calibration::tests::SQUARE;

@@ -229,6 +229,7 @@ impl StartUp {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use crate::imu::calibration::tests::SQUARE;

@@ -461,4 +461,5 @@ fn is_within(v: Vector3<f64>, limit: f64) -> bool {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests;
