@@ -6,7 +6,6 @@
 
 use super::gate::Verdict;
 use super::{ATTITUDE, Aid, Filter, Observation, covariance};
-use nalgebra::Matrix3;
 use vehicle::Timestamp;
 use vehicle::angle::wrap_pi;
 
@@ -82,7 +81,6 @@ impl Filter {
         if error.norm_squared() < 1e-8 {
             return;
         }
-        let g = Matrix3::identity() - (error * 0.5).cross_matrix();
-        covariance::turn_attitude(&mut self.covariance, &g);
+        covariance::turn_attitude(&mut self.covariance, &(error * 0.5));
     }
 }
