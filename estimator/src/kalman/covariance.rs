@@ -12,8 +12,9 @@ const NOTHING: f64 = 1e-40;
 /// No variance falls below this: the next gain would blow up.
 const FLOOR: f64 = 1e-12;
 
-type Column = [f64; STATES];
-type Columns = [Column; STATES];
+/// Columns are padded to an even sixteen while they are worked on: compilers leave loops of fifteen scalar.
+const PADDED: usize = 16;
+type Columns = [[f64; PADDED]; STATES];
 
 /// The blocks of the transition matrix that are neither zero nor one.
 #[derive(Clone, Copy, Debug)]
@@ -48,32 +49,37 @@ impl Transition {
         phi
     }
 
-    /// `P F'`: each column of the result is a sum of columns of `P`.
+    /// `P F'`: each column of the result is a sum of columns of `P`. One loop over the rows with everything in registers, so
+    /// that neighbouring rows share vector instructions.
     #[inline]
     fn right(&self, p: &Columns) -> Columns {
         let (dt, half) = (self.dt, 0.5 * self.dt * self.dt);
+        let dot = |m: &Matrix3<f64>, i: usize, x: f64, y: f64, z: f64| {
+            m[(i, 0)] * x + m[(i, 1)] * y + m[(i, 2)] * z
+        };
         let mut out = *p;
         for i in 0..3 {
-            // What attitude error and accelerometer bias do to acceleration, and what gyro bias will do.
-            let mut pushed = [0.0; STATES];
-            let mut later = [0.0; STATES];
-            let mut turned = [0.0; STATES];
-            for k in 0..3 {
-                let (f, r, t) = (self.force[(i, k)], self.rotation[(i, k)], self.turn[(i, k)]);
-                let (attitude, accel) = (&p[ATTITUDE + k], &p[ACCEL_BIAS + k]);
-                let gyro = &p[GYRO_BIAS + k];
-                for row in 0..STATES {
-                    pushed[row] += f * attitude[row] + r * accel[row];
-                    later[row] += f * gyro[row];
-                    turned[row] += t * attitude[row];
-                }
-            }
-            let (position, velocity) = (&p[POSITION + i], &p[VELOCITY + i]);
-            let gyro = &p[GYRO_BIAS + i];
-            for row in 0..STATES {
-                out[POSITION + i][row] = position[row] + dt * velocity[row] - half * pushed[row];
-                out[VELOCITY + i][row] = velocity[row] - dt * pushed[row] + half * later[row];
-                out[ATTITUDE + i][row] = turned[row] - dt * gyro[row];
+            for row in 0..PADDED {
+                let (position, velocity) = (p[POSITION + i][row], p[VELOCITY + i][row]);
+                let [x, y, z] = [p[ATTITUDE][row], p[ATTITUDE + 1][row], p[ATTITUDE + 2][row]];
+                let accel = [
+                    p[ACCEL_BIAS][row],
+                    p[ACCEL_BIAS + 1][row],
+                    p[ACCEL_BIAS + 2][row],
+                ];
+                let gyro = [
+                    p[GYRO_BIAS][row],
+                    p[GYRO_BIAS + 1][row],
+                    p[GYRO_BIAS + 2][row],
+                ];
+                // What attitude error and accelerometer bias do to acceleration, and what gyro bias will do.
+                let pushed = dot(&self.force, i, x, y, z)
+                    + dot(&self.rotation, i, accel[0], accel[1], accel[2]);
+                let later = dot(&self.force, i, gyro[0], gyro[1], gyro[2]);
+                let turned = dot(&self.turn, i, x, y, z);
+                out[POSITION + i][row] = position + dt * velocity - half * pushed;
+                out[VELOCITY + i][row] = velocity - dt * pushed + half * later;
+                out[ATTITUDE + i][row] = turned - dt * gyro[i];
             }
         }
         out
@@ -82,24 +88,26 @@ impl Transition {
 
 /// `P <- F P F'`.
 pub(super) fn propagate(covariance: &mut Covariance, transition: &Transition) {
-    for value in covariance.data.0.as_flattened_mut() {
-        *value = if value.abs() < NOTHING { 0.0 } else { *value };
-    }
-    // F P F' = (P F')' F' because P is symmetric: the same sums twice, with a transposition between.
-    let once = transition.right(&covariance.data.0);
-    let mut transposed = [[0.0; STATES]; STATES];
-    for (i, column) in transposed.iter_mut().enumerate() {
-        for (j, value) in column.iter_mut().enumerate() {
-            *value = once[j][i];
+    let mut columns = [[0.0; PADDED]; STATES];
+    for (column, p) in columns.iter_mut().zip(&covariance.data.0) {
+        for (value, p) in column.iter_mut().zip(p) {
+            *value = if p.abs() < NOTHING { 0.0 } else { *p };
         }
     }
+    // F P F' = (P F')' F' because P is symmetric: the same sums twice, with a transposition between.
+    let once = transition.right(&columns);
+    for (i, column) in columns.iter_mut().enumerate() {
+        for j in 0..STATES {
+            column[j] = once[j][i];
+        }
+    }
+    let twice = transition.right(&columns);
+    // The biases' columns are the same sums on both sides; the rest agrees to rounding only, so one half is mirrored.
     let p = &mut covariance.data.0;
-    *p = transition.right(&transposed);
-    // The biases' columns are the same sums on both sides; the rest agrees to rounding only.
-    for i in 1..ACCEL_BIAS {
-        let (before, own) = p.split_at_mut(i);
-        for (column, value) in before.iter().zip(&mut own[0]) {
-            *value = column[i];
+    for (i, (own, column)) in p.iter_mut().zip(&twice).enumerate() {
+        own.copy_from_slice(&column[..STATES]);
+        for j in 0..i.min(ACCEL_BIAS) {
+            own[j] = twice[j][i];
         }
     }
 }
@@ -107,11 +115,13 @@ pub(super) fn propagate(covariance: &mut Covariance, transition: &Transition) {
 /// `P h`, skipping the zeros of which a row is mostly made.
 #[inline]
 pub(super) fn times(covariance: &Covariance, row: &ErrorVector) -> ErrorVector {
+    let p = &covariance.data.0;
     let mut out = [0.0; STATES];
-    for (column, h) in covariance.data.0.iter().zip(row.iter()) {
-        if *h != 0.0 {
-            for (o, c) in out.iter_mut().zip(column) {
-                *o += c * h;
+    for i in 0..STATES {
+        let h = row[i];
+        if h != 0.0 {
+            for k in 0..STATES {
+                out[k] += p[i][k] * h;
             }
         }
     }
@@ -123,13 +133,15 @@ pub(super) fn times(covariance: &Covariance, row: &ErrorVector) -> ErrorVector {
 pub(super) fn add_outer(covariance: &mut Covariance, v: &ErrorVector, k: f64) {
     let sign = if k < 0.0 { -1.0 } else { 1.0 };
     // The same factor on both sides makes the products equal to the last bit.
-    let scaled: Column = (v * k.abs().sqrt()).into();
+    let scaled: [f64; STATES] = (v * k.abs().sqrt()).into();
     for (i, column) in covariance.data.0.iter_mut().enumerate() {
         let own = scaled[i] * sign;
         for (p, s) in column.iter_mut().zip(&scaled) {
             *p += own * s;
         }
-        column[i] = column[i].max(FLOOR);
+    }
+    for i in 0..STATES {
+        covariance[(i, i)] = covariance[(i, i)].max(FLOOR);
     }
 }
 

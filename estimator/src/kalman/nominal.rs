@@ -35,14 +35,15 @@ const SMALL_RAD2: f64 = 0.01;
 
 /// Rotation of a rotation vector, rad. The angles of one sample or one correction are small: their series needs no
 /// trigonometric function and equals it to rounding.
+#[inline]
 #[must_use]
 pub(crate) fn exp(turn: &Vector3<f64>) -> UnitQuaternion<f64> {
     let n2 = turn.norm_squared();
     if n2 >= SMALL_RAD2 || n2.is_nan() {
         return UnitQuaternion::from_scaled_axis(*turn);
     }
-    let w = 1.0 - n2 / 8.0 * (1.0 - n2 / 48.0 * (1.0 - n2 / 120.0));
-    let s = 0.5 * (1.0 - n2 / 24.0 * (1.0 - n2 / 80.0 * (1.0 - n2 / 168.0)));
+    let w = 1.0 - n2 * (0.125 - n2 * (1.0 / 384.0 - n2 * (1.0 / 46_080.0)));
+    let s = 0.5 - n2 * (1.0 / 48.0 - n2 * (1.0 / 3840.0 - n2 * (1.0 / 645_120.0)));
     UnitQuaternion::new_unchecked(Quaternion::new(w, s * turn.x, s * turn.y, s * turn.z))
 }
 

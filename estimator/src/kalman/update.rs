@@ -64,14 +64,14 @@ impl Filter {
                 }
             }
         }
-        let s = hph + r;
-        let correction = ph * (innovation / s);
+        let per_s = 1.0 / (hph + r);
+        let correction = ph * (innovation * per_s);
         let next = self.state.plus(&correction);
         if !next.is_finite() {
             return false;
         }
         self.state = next;
-        covariance::add_outer(&mut self.covariance, &ph, -1.0 / s);
+        covariance::add_outer(&mut self.covariance, &ph, -per_s);
         self.reset_attitude(&correction.fixed_rows::<3>(ATTITUDE).into_owned());
         true
     }
