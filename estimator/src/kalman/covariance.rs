@@ -14,6 +14,8 @@ const FLOOR: f64 = 1e-12;
 
 /// Columns are padded to an even sixteen while they are worked on: compilers leave loops of fifteen scalar.
 const PADDED: usize = 16;
+/// What moves with a sample: position, velocity, attitude; padded likewise.
+const MOVING: usize = 10;
 type Columns = [[f64; PADDED]; STATES];
 
 /// The blocks of the transition matrix that are neither zero nor one.
@@ -49,17 +51,17 @@ impl Transition {
         phi
     }
 
-    /// `P F'`: each column of the result is a sum of columns of `P`. One loop over the rows with everything in registers, so
+    /// The first `ROWS` rows of `P F'`: each column of the result is a sum of columns of `P`. One loop over the rows with everything in registers, so
     /// that neighbouring rows share vector instructions.
     #[inline]
-    fn right(&self, p: &Columns) -> Columns {
+    fn right<const ROWS: usize>(&self, p: &Columns) -> Columns {
         let (dt, half) = (self.dt, 0.5 * self.dt * self.dt);
         let dot = |m: &Matrix3<f64>, i: usize, x: f64, y: f64, z: f64| {
             m[(i, 0)] * x + m[(i, 1)] * y + m[(i, 2)] * z
         };
         let mut out = *p;
         for i in 0..3 {
-            for row in 0..PADDED {
+            for row in 0..ROWS {
                 let (position, velocity) = (p[POSITION + i][row], p[VELOCITY + i][row]);
                 let [x, y, z] = [p[ATTITUDE][row], p[ATTITUDE + 1][row], p[ATTITUDE + 2][row]];
                 let accel = [
@@ -94,20 +96,28 @@ pub(super) fn propagate(covariance: &mut Covariance, transition: &Transition) {
             *value = if p.abs() < NOTHING { 0.0 } else { *p };
         }
     }
-    // F P F' = (P F')' F' because P is symmetric: the same sums twice, with a transposition between.
-    let once = transition.right(&columns);
+    // F P F' = (P F')' F' because P is symmetric: the same sums twice, with a transposition between. The rows of the biases are
+    // done after the first time.
+    let once = transition.right::<PADDED>(&columns);
     for (i, column) in columns.iter_mut().enumerate() {
-        for j in 0..STATES {
+        for j in 0..MOVING {
             column[j] = once[j][i];
         }
     }
-    let twice = transition.right(&columns);
-    // The biases' columns are the same sums on both sides; the rest agrees to rounding only, so one half is mirrored.
+    let twice = transition.right::<MOVING>(&columns);
     let p = &mut covariance.data.0;
-    for (i, (own, column)) in p.iter_mut().zip(&twice).enumerate() {
-        own.copy_from_slice(&column[..STATES]);
-        for j in 0..i.min(ACCEL_BIAS) {
-            own[j] = twice[j][i];
+    for (i, own) in p.iter_mut().enumerate() {
+        if i < ACCEL_BIAS {
+            // Both halves agree to rounding only, so one is mirrored.
+            for j in 0..i {
+                own[j] = twice[j][i];
+            }
+            own[i..ACCEL_BIAS].copy_from_slice(&twice[i][i..ACCEL_BIAS]);
+            own[ACCEL_BIAS..].copy_from_slice(&once[i][ACCEL_BIAS..STATES]);
+        } else {
+            for j in 0..ACCEL_BIAS {
+                own[j] = once[j][i];
+            }
         }
     }
 }

@@ -31,7 +31,7 @@ impl Default for Nominal {
 }
 
 /// Squared angle below which the series of [`exp`] is exact to rounding, rad2.
-const SMALL_RAD2: f64 = 0.01;
+const SMALL_RAD2: f64 = 0.004;
 
 /// Rotation of a rotation vector, rad. The angles of one sample or one correction are small: their series needs no
 /// trigonometric function and equals it to rounding.
@@ -49,6 +49,7 @@ pub(crate) fn exp(turn: &Vector3<f64>) -> UnitQuaternion<f64> {
 
 impl Nominal {
     /// Adds an error-state vector (boxplus).
+    #[inline]
     #[must_use]
     pub fn plus(&self, error: &ErrorVector) -> Self {
         let part = |first: usize| error.fixed_rows::<3>(first).into_owned();
@@ -123,7 +124,7 @@ mod tests {
         for k in 0..400 {
             let turn = Vector3::new(0.6, -0.48, 0.64) * (f64::from(k) * 3e-4);
             let (series, exact) = (exp(&turn), UnitQuaternion::from_scaled_axis(turn));
-            assert!((series.coords - exact.coords).amax() < 3e-16, "{turn}");
+            assert!((series.coords - exact.coords).amax() < 4e-16, "{turn}");
         }
     }
 }

@@ -66,11 +66,11 @@ impl Filter {
         }
         let per_s = 1.0 / (hph + r);
         let correction = ph * (innovation * per_s);
-        let next = self.state.plus(&correction);
-        if !next.is_finite() {
+        // The state was finite before, so it is enough to look at what is added.
+        if !correction.norm_squared().is_finite() {
             return false;
         }
-        self.state = next;
+        self.state = self.state.plus(&correction);
         covariance::add_outer(&mut self.covariance, &ph, -per_s);
         self.reset_attitude(&correction.fixed_rows::<3>(ATTITUDE).into_owned());
         true
