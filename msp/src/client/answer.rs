@@ -38,9 +38,19 @@ impl Link {
             }
             return;
         };
+        if self.outstanding[index].origin == Origin::Sync && self.syncs_late > 0 {
+            // Perhaps the reply to one that was given up. If those were lost, nothing comes any more, and
+            // the next question counts none.
+            self.syncs_late -= 1;
+            self.sync_is_heard = true;
+            self.outstanding[index].sent_us = now_us;
+            self.heard(now_us);
+            return;
+        }
         let asked = self.outstanding.remove(index);
         if asked.origin == Origin::Sync {
             self.is_syncing = false;
+            self.sync_is_heard = false;
             for lost in self
                 .outstanding
                 .drain(..index)

@@ -44,6 +44,10 @@ pub(super) struct Link {
     /// Replies may be those to older requests: nothing but RC is sent until the reply to [`SYNC`] tells
     /// that all of them are through.
     pub(super) is_syncing: bool,
+    /// Such questions given up, whose replies may come yet.
+    pub(super) syncs_late: u8,
+    /// One of those replies came while the present one waited.
+    pub(super) sync_is_heard: bool,
     /// When a reply to nothing may start that again.
     pub(super) sync_again_us: u64,
     /// Which list is read again next, and when.
@@ -143,6 +147,8 @@ impl Link {
             rc_is_refused: false,
             is_lost: false,
             is_syncing: false,
+            syncs_late: 0,
+            sync_is_heard: false,
             sync_again_us: 0,
             refresh_command: command::BOXIDS,
             refresh_at_us: 0,
@@ -178,6 +184,7 @@ impl Link {
         self.is_lost = false;
         self.is_mute = false;
         self.is_syncing = false;
+        self.syncs_late = 0;
         self.is_starting = None;
         self.still_since_us = None;
         self.judge_at_us = None;
@@ -348,7 +355,12 @@ impl Link {
     pub(super) fn on_unanswered(&mut self, now_us: u64, late: &Outstanding) {
         self.statistics.timeouts += 1;
         match &late.origin {
-            Origin::Probe | Origin::Rc | Origin::Refresh | Origin::Sync => {}
+            Origin::Probe | Origin::Rc | Origin::Refresh => {}
+            Origin::Sync if self.sync_is_heard => {
+                // Those given up are lost: what came was the reply to this one.
+                (self.syncs_late, self.sync_is_heard) = (0, false);
+            }
+            Origin::Sync => self.syncs_late = self.syncs_late.saturating_add(1),
             Origin::Schedule(members) => self.turns.on_timeout(now_us, members),
             Origin::Identify => {
                 if self
