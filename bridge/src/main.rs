@@ -35,6 +35,8 @@ enum Command {
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
     Rooms(cmd::rooms::RoomsArgs),
+    /// Run an estimator on a recorded log.
+    Eval(cmd::eval::EvalArgs),
 }
 
 fn main() -> ExitCode {
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
         Command::Msp(args) => cmd::msp::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
+        Command::Eval(args) => cmd::eval::run(args),
     };
     match result {
         Ok(code) => code,

@@ -1,6 +1,7 @@
 //! Sub-commands of the program, one file each.
 
 pub(crate) mod demo;
+pub(crate) mod eval;
 pub(crate) mod fly;
 pub(crate) mod msp;
 pub(crate) mod msp_ask;
