@@ -5,7 +5,7 @@ use anyhow::{Context as _, Result};
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::{Endpoint, EndpointError};
 use clap::Args;
-use sim::{FcConfig, SimConfig, SimOutput, Simulator, VehicleConfig};
+use sim::{FcConfig, Manner, SimConfig, SimOutput, Simulator, VehicleConfig};
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::process::ExitCode;
@@ -23,6 +23,9 @@ pub(crate) struct ServeArgs {
     /// Speed of its UART.
     #[arg(long, value_name = "BAUD", default_value_t = 115_200, value_parser = clap::value_parser!(u32).range(1200..=10_000_000))]
     baud: u32,
+    /// Which firmware it behaves like (see `kestrel sim --manner`).
+    #[arg(long, value_name = "NAME", default_value_t = Manner::default())]
+    manner: Manner,
     /// The room it stands in.
     #[arg(long, value_name = "ROOM", default_value = "office")]
     room: String,
@@ -40,6 +43,7 @@ pub(crate) fn run(args: &ServeArgs) -> Result<ExitCode> {
     let ring = RingConfig::built_in("tof32")?;
     let vehicle = VehicleConfig {
         fc: FcConfig {
+            manner: args.manner,
             serial_rate_hz: args.serial_rate,
             baud: args.baud,
             ..FcConfig::default()
