@@ -16,6 +16,8 @@ use arrayvec::ArrayVec;
 const STILL_US: u64 = 3_000_000;
 /// Replies to nothing put the link in step again at most so often.
 const SYNC_PAUSE_US: u64 = 1_000_000;
+/// Then a controller is so slow that RC is never answered in time, and polls must go on nevertheless.
+const MAX_SYNCS: u8 = 5;
 
 impl Link {
     pub(super) fn on_frame(&mut self, now_us: u64, frame: &Frame<'_>) {
@@ -49,7 +51,13 @@ impl Link {
         }
         let asked = self.outstanding.remove(index);
         if asked.origin == Origin::Sync {
-            self.is_syncing = false;
+            self.is_syncing = self.rc_late && self.syncs_in_row < MAX_SYNCS;
+            self.syncs_in_row = if self.is_syncing {
+                self.syncs_in_row + 1
+            } else {
+                0
+            };
+            self.rc_late = false;
             self.sync_is_heard = false;
             for lost in self
                 .outstanding

@@ -48,6 +48,10 @@ pub(super) struct Link {
     pub(super) syncs_late: u8,
     /// One of those replies came while the present one waited.
     pub(super) sync_is_heard: bool,
+    /// RC frames given up since such a question was sent: their replies come after its own.
+    pub(super) rc_late: bool,
+    /// Such questions in a row.
+    pub(super) syncs_in_row: u8,
     /// When a reply to nothing may start that again.
     pub(super) sync_again_us: u64,
     /// Which list is read again next, and when.
@@ -149,6 +153,8 @@ impl Link {
             is_syncing: false,
             syncs_late: 0,
             sync_is_heard: false,
+            rc_late: false,
+            syncs_in_row: 0,
             sync_again_us: 0,
             refresh_command: command::BOXIDS,
             refresh_at_us: 0,
@@ -355,7 +361,8 @@ impl Link {
     pub(super) fn on_unanswered(&mut self, now_us: u64, late: &Outstanding) {
         self.statistics.timeouts += 1;
         match &late.origin {
-            Origin::Probe | Origin::Rc | Origin::Refresh => {}
+            Origin::Rc => self.rc_late |= self.is_syncing,
+            Origin::Probe | Origin::Refresh => {}
             Origin::Sync if self.sync_is_heard => {
                 // Those given up are lost: what came was the reply to this one.
                 (self.syncs_late, self.sync_is_heard) = (0, false);

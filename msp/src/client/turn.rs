@@ -17,9 +17,6 @@ const MAX_RC_STREAK: u8 = 2;
 /// How soon a one-off request or a question of a renewed identification wants its turn.
 const ONE_OFF_INTERVAL_US: u64 = 100_000;
 
-/// The same for a list that is read again.
-const REFRESH_INTERVAL_US: u64 = 1_000_000;
-
 /// Whose turn it is.
 pub(super) enum Choice {
     Identify,
@@ -156,7 +153,7 @@ impl Link {
         let refresh = self
             .refresh_due_us()
             .filter(|_| !self.is_outstanding(&Origin::Refresh))
-            .and_then(|due_us| score(now_us, due_us, REFRESH_INTERVAL_US, Priority::Slow));
+            .and_then(|due_us| score(now_us, due_us, ONE_OFF_INTERVAL_US, Priority::Normal));
         let all = [one_off, identify, scheduled, refresh];
         let Some(most) = all.into_iter().flatten().max() else {
             let is_quiet = self.outstanding.is_empty() && now_us >= self.probe_at_us();
@@ -171,7 +168,7 @@ impl Link {
             return Some((Choice::Identify, true));
         }
         if refresh == Some(most) {
-            let waited = now_us >= self.refresh_at_us + REFRESH_INTERVAL_US;
+            let waited = now_us >= self.refresh_at_us + ONE_OFF_INTERVAL_US;
             return Some((Choice::Refresh, waited));
         }
         let waited = front.is_some_and(|front| {
