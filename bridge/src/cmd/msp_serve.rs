@@ -5,6 +5,8 @@ use anyhow::{Context as _, Result};
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::{Endpoint, EndpointError};
 use clap::Args;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use sim::{FcConfig, Manner, SimConfig, SimOutput, Simulator, VehicleConfig};
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -81,18 +83,26 @@ fn serve(
     mut stream: TcpStream,
 ) -> std::io::Result<()> {
     stream.set_nodelay(true)?;
-    stream.set_read_timeout(Some(Duration::from_micros(500)))?;
+    stream.set_nonblocking(true)?;
+    // Half a step of the simulator. Not a time-out of the socket: those are as coarse as the kernel's tick.
+    let pause = Timespec {
+        tv_sec: 0,
+        tv_nsec: 500_000,
+    };
     let (start, clock) = (*until, Clock::start(1.0));
     let (mut heard, mut said) = ([0; 2048], Vec::with_capacity(4096));
     loop {
+        let mut news = [PollFd::new(&stream, PollFlags::IN)];
+        if let Err(error) = poll(&mut news, Some(&pause))
+            && error != Errno::INTR
+        {
+            return Err(error.into());
+        }
         match stream.read(&mut heard) {
             Ok(0) => return Ok(()),
             Ok(count) => simulator.write_fc(0, &heard[..count]),
             Err(error)
-                if matches!(
-                    error.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) => {}
+                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
             Err(error) => return Err(error),
         }
         *until = start + Duration::from_micros(clock.now().us());
