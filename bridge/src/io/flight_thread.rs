@@ -98,8 +98,11 @@ impl Line {
     }
 }
 
-/// Raw, no flow control, never blocking.
-fn open_serial(device: &str, baud: u32) -> io::Result<std::fs::File> {
+/// Opens a serial port: raw, no flow control, never blocking.
+///
+/// # Errors
+/// What the system says when the device is none, busy, or does not know the speed.
+pub fn open_serial(device: &str, baud: u32) -> io::Result<std::fs::File> {
     use rustix::fs::{Mode, OFlags};
     let fd = rustix::fs::open(
         device,
