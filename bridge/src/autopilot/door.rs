@@ -4,6 +4,7 @@
 //! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
 //! ([`Refusal`], [`Notice`]) and become words in `Ground`.
 
+use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
 use arrayvec::ArrayVec;
 use planner::mission::Plan;
@@ -501,6 +502,13 @@ pub enum Notice {
     Landed,
     /// The flight controller disarmed by itself.
     FcDisarmed,
+    /// How punctual the flight was; told when it is over.
+    FlightTiming {
+        /// Age of the attitude at each RC frame.
+        sample_to_command: LatencySummary,
+        /// Beats missed.
+        missed: u64,
+    },
 }
 
 impl Notice {
@@ -549,6 +557,13 @@ impl fmt::Display for Notice {
             Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
             Self::Landed => write!(f, "Landed"),
             Self::FcDisarmed => write!(f, "Flight controller disarmed by itself"),
+            Self::FlightTiming {
+                sample_to_command,
+                missed,
+            } => write!(
+                f,
+                "Flight: sample to command {sample_to_command}, {missed} beats missed"
+            ),
         }
     }
 }
@@ -628,8 +643,11 @@ pub struct LoopStatus {
     pub ticks: u64,
     /// Periods that passed without a tick; never made up for.
     pub missed: u64,
-    /// Age of the newest attitude when the last RC frame was made, us.
-    pub sample_to_command_us: f64,
+    /// Age of the newest attitude at each RC frame, since the last arming.
+    pub sample_to_command: LatencySummary,
+    /// Our own share: from the arrival of a reply to the end of the write of the RC frame it caused, since the last arming.
+    /// Nothing in the simulator, where our computing takes no time.
+    pub reply_to_command: LatencySummary,
 }
 
 /// Everything the ground may want to know, copied each tick.

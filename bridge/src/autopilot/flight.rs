@@ -8,12 +8,14 @@
 
 use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, Change, FcArmState};
+use super::beat::Beat;
 use super::door::{
     Answer, Asked, Event, FcBlock, FcStatus, Notice, Outcome, Refusal, Request, RequestId,
     Snapshot, Station,
 };
 use super::health::{self, Checks};
 use super::io::{FcBytes, Input, Output};
+use super::latency::Histogram;
 use super::mode::{Because, Mode};
 use super::modes::{Air, Cockpit};
 use super::supervisor::{Facts, Supervisor, Verdict};
@@ -33,8 +35,8 @@ use planner::navigator::Navigator;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
-    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, Pace,
-    RingConfig, Setpoint, Sticks, Timestamp,
+    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, RingConfig,
+    Setpoint, Sticks, Timestamp,
 };
 
 /// Outputs that wait to be polled at most; a tick makes about ten.
@@ -85,8 +87,14 @@ pub struct Flight {
     air: Air,
     home: In<Ned>,
     home_yaw_rad: f64,
-    pace: Pace,
+    beat: Beat,
     last_tick: Timestamp,
+    /// When the controller sampled the newest attitude.
+    sampled: Option<Timestamp>,
+    sample_came: bool,
+    latency: Histogram,
+    /// Missed beats up to the last arming.
+    missed_before: u64,
     localized_at: Option<Timestamp>,
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
@@ -132,7 +140,7 @@ impl Flight {
         let controller = Controller::new(settings.control.clone(), airframe);
         let mission = Mission::new(settings.planner.clone());
         let arbiter = Arbiter::new(mission, settings.autopilot.takeoff_height_m);
-        let pace = Pace::starting_at(
+        let beat = Beat::new(
             now,
             Duration::from_micros(1_000_000 / settings.autopilot.rc_hz.max(1) as u64),
         );
@@ -153,8 +161,12 @@ impl Flight {
             air: Air::Ground,
             home: In::zero(),
             home_yaw_rad,
-            pace,
+            beat,
             last_tick: now,
+            sampled: None,
+            sample_came: false,
+            latency: Histogram::default(),
+            missed_before: 0,
             localized_at: None,
             reset_counter: 0,
             ground_heard: None,
@@ -179,10 +191,12 @@ impl Flight {
             Input::Flow(sample) => self.flow(&sample),
             Input::Asked(asked) => self.asked(now, &asked),
             Input::JobDone(result) => self.estimator.search_done(&result),
+            Input::FcClosed => self.lose_controller(),
             Input::Wake => {}
         }
         self.listen();
-        if self.pace.is_due(now) {
+        let sample_came = core::mem::take(&mut self.sample_came);
+        if self.beat.is_due(now, sample_came) {
             self.tick(now);
         }
         self.transmit(now);
@@ -199,14 +213,20 @@ impl Flight {
         let client = self
             .client
             .deadline_us()
-            .map_or(self.pace.next(), Timestamp::from_us);
-        self.pace.next().min(client)
+            .map_or(self.beat.deadline(), Timestamp::from_us);
+        self.beat.deadline().min(client)
     }
 
     /// Everything the ground may want to know, as of the last tick.
     #[must_use]
     pub const fn snapshot(&self) -> &Snapshot {
         &self.snapshot
+    }
+
+    /// RC frames handed out so far.
+    #[must_use]
+    pub const fn rc_frames_sent(&self) -> u64 {
+        self.client.statistics().rc_sent
     }
 
     /// The estimator, for pictures and logs.
@@ -228,7 +248,7 @@ impl Flight {
         let dt_s = since_last.as_secs_f64().clamp(1e-3, 0.2);
         self.last_tick = now;
         self.snapshot.flight_loop.ticks += 1;
-        let periods = since_last.as_micros() / self.pace.period().as_micros().max(1);
+        let periods = since_last.as_micros() / self.beat.period().as_micros().max(1);
         self.snapshot.flight_loop.missed += periods.saturating_sub(1) as u64;
 
         // Estimate.
@@ -396,19 +416,21 @@ impl Flight {
                 Said::Reply {
                     reply, received_us, ..
                 } => self.reply(Timestamp::from_us(received_us), &reply),
-                Said::Lost { .. } => {
-                    if self.fc.is_connected {
-                        self.emit(Output::Event(Event::Notice(Notice::FcLost)));
-                    }
-                    self.fc.is_connected = false;
-                    self.snapshot.imu = None;
-                }
+                Said::Lost { .. } => self.lose_controller(),
                 Said::Recovered { .. }
                 | Said::Refused { .. }
                 | Said::Unanswered { .. }
                 | Said::Malformed(_) => {}
             }
         }
+    }
+
+    fn lose_controller(&mut self) {
+        if self.fc.is_connected {
+            self.emit(Output::Event(Event::Notice(Notice::FcLost)));
+        }
+        self.fc.is_connected = false;
+        self.snapshot.imu = None;
     }
 
     fn reply(&mut self, received: Timestamp, reply: &Reply) {
@@ -420,8 +442,8 @@ impl Flight {
             Reply::Attitude(a) => {
                 let sample = convert.attitude(sampled, a);
                 self.estimator.attitude(&sample);
-                let age = self.last_tick.seconds_since(sampled).max(0.0);
-                self.snapshot.flight_loop.sample_to_command_us = age * 1e6;
+                self.sampled = Some(sampled);
+                self.sample_came = true;
             }
             Reply::RawImu(raw) => {
                 let at_rest = !self.arming.switch_is_high();
@@ -478,6 +500,7 @@ impl Flight {
     }
 
     fn transmit(&mut self, now: Timestamp) {
+        let rc_before = self.client.statistics().rc_sent;
         while let Some(bytes) = self.client.poll_transmit(now.us()) {
             for chunk in bytes.chunks(FcBytes::new_const().capacity()) {
                 let mut out = FcBytes::new();
@@ -486,6 +509,11 @@ impl Flight {
                     self.outputs.push_back(Output::Fc(out));
                 }
             }
+        }
+        if self.client.statistics().rc_sent != rc_before
+            && let Some(sampled) = self.sampled
+        {
+            self.latency.record(now.since(sampled));
         }
     }
 
@@ -546,6 +574,8 @@ impl Flight {
     fn confirm_arming(&mut self, now: Timestamp) {
         match self.arming.step(now, &self.fc_arm) {
             Some(Change::Armed(asked)) => {
+                self.latency.clear();
+                self.missed_before = self.snapshot.flight_loop.missed;
                 self.emit(Output::Event(Event::Armed(true)));
                 self.answer_arming(asked, Outcome::Accepted);
             }
@@ -575,6 +605,12 @@ impl Flight {
     }
 
     fn disarm(&mut self, now: Timestamp) {
+        if self.arming.is_armed() {
+            self.emit(Output::Event(Event::Notice(Notice::FlightTiming {
+                sample_to_command: self.latency.summary(),
+                missed: self.snapshot.flight_loop.missed - self.missed_before,
+            })));
+        }
         self.arming.lower();
         self.air = Air::Ground;
         let nav = *self.estimator.state();
@@ -756,6 +792,7 @@ impl Flight {
         s.thrust_target = self.control.thrust_fraction;
         s.sticks = sticks;
         s.fc = self.fc;
+        s.flight_loop.sample_to_command = self.latency.summary();
         s.scan = self.ring.picture(now);
         s.mission = self.arbiter.mission_status();
         s.home = self.home;

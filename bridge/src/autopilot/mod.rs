@@ -5,11 +5,13 @@
 
 pub mod arbiter;
 pub mod arming;
+pub mod beat;
 pub mod door;
 pub mod flight;
 pub mod ground;
 pub mod health;
 pub mod io;
+pub mod latency;
 pub mod mode;
 pub mod modes;
 pub mod params;
