@@ -76,7 +76,7 @@ fn a_controller_on_a_socket_is_found_heard_and_not_flown_without_rangers() {
     let deadline = Instant::now() + Duration::from_secs(30);
     while !(snapshot.imu.is_some()
         && snapshot.battery.is_some()
-        && snapshot.fc.block.is_none()
+        && snapshot.fc.blocks.is_clear()
         && clock.now().s() > 7.0)
     {
         assert!(Instant::now() < deadline, "{:?}", snapshot.fc);

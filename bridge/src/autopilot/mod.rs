@@ -9,6 +9,7 @@ pub mod beat;
 pub mod door;
 pub mod flight;
 pub mod ground;
+pub mod handover;
 pub mod health;
 pub mod io;
 pub mod latency;

@@ -10,9 +10,12 @@
 //!
 //! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
 
+use crate::autopilot::door::FcBlocks;
 use core::time::Duration;
 use msp::firmware::Firmware;
-use msp::message::{Altitude, Analog, Attitude, BatteryState, RawImu};
+use msp::message::{
+    Altitude, Analog, Attitude, BatteryState, InavAnalog, InavStatus, RawImu, Reply, Status,
+};
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::angle::wrap_pi;
 use vehicle::{AttitudeSample, BaroSample, BatterySample, ImuSample, In, Timestamp};
@@ -34,6 +37,38 @@ pub const fn four_letters(firmware: Firmware) -> [u8; 4] {
         Firmware::Inav => *b"INAV",
         Firmware::MultiWii => *b"MWII",
         Firmware::Other(letters) => letters,
+    }
+}
+
+/// What a status reply says about arming; none if it says nothing.
+#[must_use]
+pub fn arming_blocks(firmware: Firmware, reply: &Reply) -> Option<FcBlocks> {
+    let (count, flags) = match reply {
+        Reply::Status(Status {
+            tail: Some(tail), ..
+        }) => (tail.arming_disable_count, tail.arming_disable),
+        Reply::StatusEx(status) => {
+            let tail = status.betaflight()?;
+            (tail.arming_disable_count, tail.arming_disable)
+        }
+        Reply::InavStatus(InavStatus { arming_flags, .. }) => (32, *arming_flags),
+        _ => return None,
+    };
+    Some(FcBlocks {
+        variant: four_letters(firmware),
+        count,
+        flags,
+    })
+}
+
+/// Time of the controller's own loop in a status reply, us; 0 = it does not run.
+#[must_use]
+pub const fn cycle_time_us(reply: &Reply) -> Option<u16> {
+    match reply {
+        Reply::Status(s) => Some(s.head.cycle_time_us),
+        Reply::StatusEx(s) => Some(s.head.cycle_time_us),
+        Reply::InavStatus(s) => Some(s.cycle_time_us),
+        _ => None,
     }
 }
 
@@ -135,10 +170,38 @@ impl Convert {
         }
     }
 
-    /// Received signal strength, 0..=254.
+    /// Battery from the message of controllers that have none of its own: cells and capacity are not told.
     #[must_use]
-    pub fn rssi(&self, a: &Analog) -> u8 {
-        (u32::from(a.rssi).min(1023) * 254 / 1023) as u8
+    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> BatterySample {
+        BatterySample {
+            at,
+            voltage_v: a
+                .vbat_cv
+                .map_or(f64::from(a.vbat_dv) * 0.1, |cv| f64::from(cv) * 0.01),
+            current_a: f64::from(a.current_ca) * 0.01,
+            used_mah: f64::from(a.drawn_mah),
+            cells: 0,
+            remaining: None,
+        }
+    }
+
+    /// Battery of INAV, which judges itself what is left.
+    #[must_use]
+    pub fn battery_of_inav(&self, at: Timestamp, a: &InavAnalog) -> BatterySample {
+        BatterySample {
+            at,
+            voltage_v: f64::from(a.vbat_cv) * 0.01,
+            current_a: f64::from(a.current_ca) * 0.01,
+            used_mah: f64::from(a.drawn_mah),
+            cells: a.cells(),
+            remaining: (a.cells() > 0).then(|| (f64::from(a.percentage) * 0.01).min(1.0)),
+        }
+    }
+
+    /// Received signal strength, 0..=254, of the controller's 0..=1023.
+    #[must_use]
+    pub fn rssi(&self, of_1023: u16) -> u8 {
+        (u32::from(of_1023).min(1023) * 254 / 1023) as u8
     }
 }
 

@@ -3,9 +3,9 @@
 //! The same struct flies in real time behind sockets, in virtual time inside tests, and as fast as it can in `demo`:
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
-use super::record::Recorder;
+use super::record::{Record, Recorder};
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
@@ -66,6 +66,7 @@ pub struct Lockstep {
     truth_pace: Pace,
     recorder: Option<Recorder>,
     ticks_seen: u64,
+    held_until: Timestamp,
     /// First failure of a file being written; flying goes on.
     pub write_error: Option<io::Error>,
 }
@@ -124,6 +125,7 @@ impl Lockstep {
             truth_pace: Pace::hz(TRUTH_HZ),
             recorder: None,
             ticks_seen: 0,
+            held_until: Timestamp::ZERO,
             write_error: None,
         };
         this.feed(Input::FcOpened);
@@ -180,6 +182,12 @@ impl Lockstep {
         self.feed(Input::Asked(asked));
     }
 
+    /// For tests of failsafes: the flight thread does not get to run for this long while the world goes on. What arrives meanwhile
+    /// waits, as it does in the kernel and in the rings.
+    pub fn hold_flight(&mut self, duration: Duration) {
+        self.held_until = self.now + duration;
+    }
+
     /// The next thing for the shell, if any.
     pub fn poll(&mut self) -> Option<Outgoing> {
         self.outgoing.pop_front()
@@ -201,14 +209,17 @@ impl Lockstep {
                 push_inputs(inputs, output);
             }
         });
-        while let Some(input) = self.inputs.pop_front() {
-            self.feed(input);
-        }
         if let Some((_, job)) = self.jobs.pop_front_if(|(at, _)| *at <= now) {
-            self.feed(Input::JobDone(estimator::search(&job)));
+            self.inputs
+                .push_back(Input::JobDone(estimator::search(&job)));
         }
-        if self.flight.deadline() <= now {
-            self.feed(Input::Wake);
+        if now >= self.held_until {
+            while let Some(input) = self.inputs.pop_front() {
+                self.feed(input);
+            }
+            if self.flight.deadline() <= now {
+                self.feed(Input::Wake);
+            }
         }
         let ticks = self.flight.snapshot().flight_loop.ticks;
         if ticks != self.ticks_seen {
@@ -229,17 +240,37 @@ impl Lockstep {
 
     /// Gives `Flight` an input and carries out what it wants.
     fn feed(&mut self, input: Input) {
-        if let Some(recorder) = &mut self.recorder {
-            keep_first(&mut self.write_error, recorder.write(self.now, &input));
+        if self.now < self.held_until {
+            self.inputs.push_back(input);
+            return;
         }
+        self.log(&Record::Input(&input));
         self.flight.handle(self.now, input);
         while let Some(output) = self.flight.poll() {
             match output {
                 Output::Fc(bytes) => self.simulator.write_fc(0, &bytes),
                 Output::Answer(answer) => self.ground.answer(self.now, &answer),
-                Output::Event(event) => self.ground.event(self.now, &event),
+                Output::Event(event) => {
+                    if let Event::Notice(Notice::FlightTiming {
+                        sample_to_command,
+                        missed,
+                    }) = event
+                    {
+                        self.log(&Record::Timing {
+                            sample_to_command,
+                            missed,
+                        });
+                    }
+                    self.ground.event(self.now, &event);
+                }
                 Output::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),
             }
+        }
+    }
+
+    fn log(&mut self, record: &Record<'_>) {
+        if let Some(recorder) = &mut self.recorder {
+            keep_first(&mut self.write_error, recorder.write(self.now, record));
         }
     }
 

@@ -24,9 +24,12 @@ pub(super) fn sys_status(v: &View<'_>, out: &mut Vec<Message>) {
     let flow_ok = s.flow.is_some_and(|f| f.quality > 0);
     let down_ok = s.down_range.is_some_and(|r| r.distance_m.is_some());
     // A controller that still calibrates its gyro will not arm: stations that wait for health wait for that.
-    let calibrates =
-        s.fc.block
-            .is_some_and(|b| matches!(&*b.0, "BOOT_GRACE_TIME" | "CALIBRATING"));
+    let calibrates = s.fc.blocks.blockers().any(|b| {
+        matches!(
+            b.name,
+            "BOOT_GRACE_TIME" | "CALIBRATING" | "SENSORS_CALIBRATING"
+        )
+    });
     let imu_ok = health.attitude && s.fc.is_connected && !calibrates;
     // Bit, present, healthy.
     let table = [
