@@ -131,29 +131,58 @@ fn a_flight_loop_held_for_a_fifth_of_a_second_flies_on() {
 }
 
 #[test]
-fn a_flight_loop_held_for_longer_than_the_receiver_waits_lands() {
+fn a_flight_loop_held_for_longer_than_the_receiver_waits_is_kept_level_and_lands() {
     for seed in 1..=5 {
         let mut f = Scenario::office().seed(seed).start();
         f.take_off(1.0);
         f.wait_s(3.0);
         f.world.hold_flight(Duration::from_millis(600));
         let mut lowest = 1.0f64;
-        for _ in 0..400 {
+        for _ in 0..140 {
             f.step();
             lowest = lowest.min(-f.truth().position.z());
         }
         println!(
-            "seed {seed}: held 0.60 s: lowest {lowest:.2} m, contacts {}, {:?} armed {}",
-            f.truth().contacts,
-            f.snapshot().mode,
-            f.snapshot().is_armed
+            "seed {seed}: held 0.60 s: lowest {lowest:.2} m, {:?}",
+            f.snapshot().mode
         );
         f.assert(
-            f.snapshot().mode.because == Because::LoopHeld || !f.snapshot().is_armed,
+            f.snapshot().mode.because == Because::LoopHeld && f.snapshot().is_armed,
             &format!("{:?}", f.snapshot().mode),
         );
+        f.assert(lowest > 0.5, &format!("sank to {lowest:.2} m"));
         f.until_down(20.0);
+        f.assert(f.truth().contacts == 0, "touched something");
         let texts = f.station.heard().texts.join("; ");
         f.assert(texts.contains("flight loop held up"), &texts);
+    }
+}
+
+#[test]
+fn a_program_frozen_for_a_fifth_of_a_second_flies_on_and_for_longer_falls_as_the_page_says() {
+    for (ms, falls) in [(200, false), (600, true)] {
+        let mut f = Scenario::office().start();
+        f.take_off(1.0);
+        f.wait_s(3.0);
+        f.world.freeze(Duration::from_millis(ms));
+        let mut lowest = 1.0f64;
+        for _ in 0..200 {
+            f.step();
+            lowest = lowest.min(-f.truth().position.z());
+        }
+        println!(
+            "frozen {ms} ms: lowest {lowest:.2} m, {:?}",
+            f.snapshot().mode
+        );
+        // Betaflight idles the motors 0.30 s after the last frame; nothing on this side can speak then.
+        f.assert((lowest < 0.6) == falls, &format!("{lowest:.2} m"));
+        let because = f.snapshot().mode.because;
+        f.assert(
+            (because == Because::LoopHeld) == falls,
+            &format!("{because:?}"),
+        );
+        if falls {
+            f.until_down(20.0);
+        }
     }
 }

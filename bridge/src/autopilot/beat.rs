@@ -1,7 +1,7 @@
 //! When the tick is due: on the arrival of a fresh attitude, or when none comes in time.
 //!
 //! A tick between two replies would steer by a sample up to a period old. So the beat follows the replies as long as they come at about
-//! its own rate (within a quarter of a period), and its own clock when they do not.
+//! its own rate, waits a little for one that is expected, and keeps its own clock when none come.
 
 use core::time::Duration;
 use vehicle::Timestamp;
@@ -12,6 +12,8 @@ pub struct Beat {
     period: Duration,
     last: Option<Timestamp>,
     sample: Option<Timestamp>,
+    /// Usual time between samples, us; 0 = not known.
+    interval_us: u64,
     start: Timestamp,
 }
 
@@ -23,6 +25,7 @@ impl Beat {
             period,
             last: None,
             sample: None,
+            interval_us: 0,
             start,
         }
     }
@@ -36,7 +39,7 @@ impl Beat {
     /// True once per beat; `sample_came` with a fresh attitude. A late beat is not made up for.
     pub fn is_due(&mut self, now: Timestamp, sample_came: bool) -> bool {
         if sample_came {
-            self.sample = Some(now);
+            self.take_sample(now);
         }
         let is_due = now >= self.deadline()
             || sample_came
@@ -58,11 +61,35 @@ impl Beat {
         let follows = self
             .sample
             .is_some_and(|at| last.since(at) <= self.period * 2);
-        last + if follows {
-            self.period * 5 / 4
-        } else {
-            self.period
+        if !follows {
+            return last + self.period;
         }
+        let usual = last + self.period * 5 / 4;
+        let latest = last + self.period * 2;
+        // One that comes a little late is worth waiting for.
+        match self.expected() {
+            Some(at) if at + self.period / 2 > usual && at <= latest => {
+                (at + self.period / 4).max(usual).min(latest)
+            }
+            _ => usual,
+        }
+    }
+
+    fn take_sample(&mut self, now: Timestamp) {
+        let gap_us = self.sample.map_or(0, |at| now.since(at).as_micros() as u64);
+        // A pause is no interval.
+        if gap_us > 0 && gap_us < 4 * self.period.as_micros() as u64 {
+            self.interval_us = match self.interval_us {
+                0 => gap_us,
+                usual => (3 * usual + gap_us) / 4,
+            };
+        }
+        self.sample = Some(now);
+    }
+
+    fn expected(&self) -> Option<Timestamp> {
+        let at = self.sample?;
+        (self.interval_us > 0).then(|| at + Duration::from_micros(self.interval_us))
     }
 }
 
@@ -97,8 +124,22 @@ mod tests {
     fn faster_replies_do_not_make_it_much_faster_and_slower_ones_not_much_slower() {
         let n = |every: u64| beats((3..).step_by(every as usize), 2_000).len();
         assert!((80..=108).contains(&n(10)), "{}", n(10));
-        assert!((64..=100).contains(&n(40)), "{}", n(40));
-        assert!((64..=100).contains(&n(33)), "{}", n(33));
+        assert!((49..=52).contains(&n(40)), "{}", n(40));
+        assert!((59..=62).contains(&n(33)), "{}", n(33));
+    }
+
+    #[test]
+    fn slower_replies_are_waited_for_so_that_each_command_is_fresh() {
+        let beats = beats((3..).step_by(40), 2_000);
+        let fresh = beats.iter().filter(|t| (*t - 3) % 40 == 0).count();
+        assert!(fresh + 3 >= beats.len(), "{beats:?}");
+    }
+
+    #[test]
+    fn replies_that_stop_are_waited_for_two_periods_at_most() {
+        let beats = beats((3..400).step_by(40), 2_000);
+        let longest = beats.windows(2).map(|w| w[1] - w[0]).max();
+        assert!(longest <= Some(50), "{beats:?}");
     }
 
     #[test]

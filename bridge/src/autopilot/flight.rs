@@ -17,7 +17,7 @@ use super::beat::Beat;
 use super::door::{Event, FcStatus, Notice, Snapshot};
 use super::handover::Handover;
 use super::health;
-use super::io::{Input, Output};
+use super::io::{FcBytes, Input, Output};
 use super::latency::Histogram;
 use super::mode::Because;
 use super::modes::{Air, Cockpit};
@@ -99,6 +99,9 @@ pub struct Flight {
     sampled: Option<Timestamp>,
     sample_came: bool,
     latency: Histogram,
+    standby: Option<FcBytes>,
+    /// Where frames are encoded.
+    encoded: Vec<u8>,
     /// Missed beats up to the last arming.
     missed_before: u64,
     /// How long the pilot has had the vehicle on the floor, s.
@@ -177,6 +180,8 @@ impl Flight {
             sampled: None,
             sample_came: false,
             latency: Histogram::default(),
+            standby: None,
+            encoded: Vec::with_capacity(256),
             missed_before: 0,
             pilot_down_s: 0.0,
             localized_at: None,
@@ -244,6 +249,13 @@ impl Flight {
     #[must_use]
     pub const fn rc_frames_sent(&self) -> u64 {
         self.client.statistics().rc_sent
+    }
+
+    /// What keeps the vehicle level if we are held up: see [`Keeper`](super::keeper::Keeper). None on the floor, and beside a radio,
+    /// which takes over by itself.
+    #[must_use]
+    pub const fn standby(&self) -> Option<&FcBytes> {
+        self.standby.as_ref()
     }
 
     /// The estimator, for pictures and logs.
@@ -323,6 +335,7 @@ impl Flight {
                 .clear(sticks, may_spin || is_his, has_attitude || is_his, hover)
         });
         self.send_rc(now, sticks.as_ref());
+        self.prepare_standby(hover);
         self.watch_rate(now);
         let sent = sticks.map_or(Sticks::IDLE, |s| *s.get());
         self.take_snapshot(now, &nav, &setpoint, sent);

@@ -12,6 +12,7 @@ pub mod ground;
 pub mod handover;
 pub mod health;
 pub mod io;
+pub mod keeper;
 pub mod latency;
 pub mod mode;
 pub mod modes;

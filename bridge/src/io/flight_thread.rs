@@ -15,6 +15,7 @@ use super::timer::AbsoluteTimer;
 use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
 use crate::autopilot::flight::Flight;
 use crate::autopilot::io::{FcBytes, Input, Output};
+use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
@@ -23,6 +24,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
+use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
 const REQUESTS: usize = 256;
@@ -102,6 +104,8 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
     let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(LineError::Thread)?;
     let (want_line, lines) =
         line_thread(endpoint, tell.clone(), Arc::clone(&wake)).map_err(LineError::Thread)?;
+    let kept = Arc::new(Kept::new().map_err(failed)?);
+    keeper_thread(Arc::clone(&kept), clock).map_err(LineError::Thread)?;
     let handle = FlightHandle {
         requests,
         wake: Arc::clone(&wake),
@@ -121,6 +125,7 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         wake,
         timer,
         cell: snapshot,
+        kept,
         own: Histogram::default(),
         was_armed: false,
     };
@@ -197,6 +202,69 @@ fn line_thread(
     Ok((want, lines))
 }
 
+/// What flight thread and keeper share. The keeper holds the lock for a write that never blocks, the flight thread for a copy.
+struct Kept {
+    shared: Mutex<(Keeper, Option<OwnedFd>)>,
+    wake: OwnedFd,
+}
+
+impl Kept {
+    fn new() -> rustix::io::Result<Self> {
+        Ok(Self {
+            shared: Mutex::new((Keeper::default(), None)),
+            wake: eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?,
+        })
+    }
+
+    fn set_line(&self, line: Option<OwnedFd>) {
+        if let Ok(mut shared) = self.shared.lock() {
+            *shared = (Keeper::default(), line);
+        }
+    }
+
+    fn refresh(&self, now: Timestamp, standby: Option<&FcBytes>) {
+        if let Ok(mut shared) = self.shared.try_lock() {
+            let was_idle = shared.0.deadline().is_none();
+            shared.0.refresh(now, standby);
+            // It sleeps until its deadline, which only moves away; only from no deadline at all must it be woken.
+            if was_idle && standby.is_some() {
+                wake_up(&self.wake);
+            }
+        }
+    }
+}
+
+/// Stands in while the flight thread is held up: see [`Keeper`].
+fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
+    let mut timer = AbsoluteTimer::new()?;
+    thread::Builder::new()
+        .name("keeper".to_owned())
+        .spawn(move || {
+            let _ = Realtime::enter();
+            // The flight thread holds the other end for as long as it lives; a program that ends takes this thread with it.
+            loop {
+                let deadline = match kept.shared.lock() {
+                    Ok(mut shared) => {
+                        let (keeper, line) = &mut *shared;
+                        if let (Some(frame), Some(line)) = (keeper.poll(clock.now()), line) {
+                            let _ = rustix::io::write(line, frame);
+                        }
+                        keeper.deadline()
+                    }
+                    Err(_) => return,
+                };
+                if let Some(at) = deadline {
+                    timer.set(&clock, at);
+                }
+                let mut fds = [PollFd::new(&kept.wake, PollFlags::IN), timer.poll_fd()];
+                let _ = poll(&mut fds, None);
+                let _ = rustix::io::read(&kept.wake, &mut [0u8; 8]);
+                timer.quiet();
+            }
+        })?;
+    Ok(())
+}
+
 struct Shell {
     flight: Flight,
     clock: Clock,
@@ -210,6 +278,7 @@ struct Shell {
     wake: Arc<OwnedFd>,
     timer: AbsoluteTimer,
     cell: Arc<Mutex<Snapshot>>,
+    kept: Arc<Kept>,
     /// From the stamp of a reply to the end of the write of the frame it caused.
     own: Histogram,
     was_armed: bool,
@@ -246,6 +315,9 @@ impl Shell {
         let rc_before = self.flight.rc_frames_sent();
         self.flight.handle(now, input);
         self.carry_out();
+        if self.flight.rc_frames_sent() != rc_before {
+            self.kept.refresh(now, self.flight.standby());
+        }
         if is_reply && self.flight.rc_frames_sent() != rc_before {
             self.own.record(self.clock.now().since(now));
         }
@@ -278,6 +350,7 @@ impl Shell {
         if self.line.is_none()
             && let Ok(line) = self.lines.try_recv()
         {
+            self.kept.set_line(line.as_fd().try_clone_to_owned().ok());
             self.line = Some(line);
             self.handle(Input::FcOpened);
         }
@@ -285,6 +358,7 @@ impl Shell {
 
     fn lose_line(&mut self) {
         if self.line.take().is_some() {
+            self.kept.set_line(None);
             let _ = self.want_line.try_send(());
             self.flight.handle(self.clock.now(), Input::FcClosed);
         }

@@ -9,6 +9,7 @@ use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot,
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
+use crate::autopilot::keeper::Keeper;
 use crate::gcs::{Document, LinkId};
 use crate::settings::Settings;
 use estimator::SearchRequest;
@@ -67,6 +68,8 @@ pub struct Lockstep {
     recorder: Option<Recorder>,
     ticks_seen: u64,
     held_until: Timestamp,
+    frozen_until: Timestamp,
+    keeper: Keeper,
     /// First failure of a file being written; flying goes on.
     pub write_error: Option<io::Error>,
 }
@@ -126,6 +129,8 @@ impl Lockstep {
             recorder: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
+            frozen_until: Timestamp::ZERO,
+            keeper: Keeper::default(),
             write_error: None,
         };
         this.feed(Input::FcOpened);
@@ -188,6 +193,12 @@ impl Lockstep {
         self.held_until = self.now + duration;
     }
 
+    /// For tests of failsafes: the whole program is frozen for this long (a stopped process, a stalled host), its keeper too.
+    pub fn freeze(&mut self, duration: Duration) {
+        self.hold_flight(duration);
+        self.frozen_until = self.held_until;
+    }
+
     /// The next thing for the shell, if any.
     pub fn poll(&mut self) -> Option<Outgoing> {
         self.outgoing.pop_front()
@@ -213,6 +224,11 @@ impl Lockstep {
             self.inputs
                 .push_back(Input::JobDone(estimator::search(&job)));
         }
+        if now >= self.frozen_until
+            && let Some(frame) = self.keeper.poll(now)
+        {
+            self.simulator.write_fc(0, frame);
+        }
         if now >= self.held_until {
             while let Some(input) = self.inputs.pop_front() {
                 self.feed(input);
@@ -224,6 +240,7 @@ impl Lockstep {
         let ticks = self.flight.snapshot().flight_loop.ticks;
         if ticks != self.ticks_seen {
             self.ticks_seen = ticks;
+            self.keeper.refresh(now, self.flight.standby());
             self.ground.snapshot(now, self.flight.snapshot());
         }
         if self.ground.deadline() <= now {

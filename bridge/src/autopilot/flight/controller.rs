@@ -1,6 +1,6 @@
 //! The flight controller's side of `Flight`: what it says, what it is told.
 
-use super::{Event, Flight, Notice, OUTPUTS, Output};
+use super::{Air, Event, Flight, Notice, OUTPUTS, Output};
 use crate::autopilot::arming::FcArmState;
 use crate::autopilot::handover::Change;
 use crate::autopilot::io::FcBytes;
@@ -11,6 +11,7 @@ use crate::fc::{poll, rc_out};
 use core::time::Duration;
 use msp::firmware::{Firmware, Identity, box_id};
 use msp::message::Reply;
+use msp::{Direction, Framing, command, encode};
 use vehicle::{NavState, Sticks, Timestamp};
 
 /// A gap in our own RC frames longer than this restarts the neutral phase: the receiver flags it after 0.15 s.
@@ -240,6 +241,36 @@ impl Flight {
         let (wire, telemetry) = rc_out::channels(sticks, arm, &identity.rx_map);
         self.client.set_rc(now.us(), &wire);
         self.snapshot.rc_us = telemetry;
+    }
+
+    /// The frame that keeps the vehicle level while we are held up.
+    pub(super) fn prepare_standby(&mut self, hover_throttle: f64) {
+        self.standby = None;
+        let Some(identity) = self.client.identity() else {
+            return;
+        };
+        if self.air != Air::Flying || !self.arming.is_armed() || self.handover.has_radio() {
+            return;
+        }
+        let level = self
+            .supervisor
+            .clear(Sticks::IDLE, true, false, hover_throttle);
+        let (wire, _) = rc_out::channels(&level, true, &identity.rx_map);
+        let payload: FcBytes = wire.iter().flat_map(|us| us.to_le_bytes()).collect();
+        self.encoded.clear();
+        let framing = Framing::V1;
+        let request = Direction::Request;
+        if encode(
+            framing,
+            request,
+            command::SET_RAW_RC,
+            &payload,
+            &mut self.encoded,
+        )
+        .is_ok()
+        {
+            self.standby = FcBytes::try_from(self.encoded.as_slice()).ok();
+        }
     }
 
     /// Takes what the link wants to write, and the time from sample to command.
