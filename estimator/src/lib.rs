@@ -40,7 +40,7 @@
 //! for k in 1..=40 {
 //!     let at = Timestamp::from_ms(25 * k);
 //!     estimator.attitude(&AttitudeSample { at, roll_rad: 0.0, pitch_rad: 0.0, heading_rad: 0.3 });
-//!     estimator.imu(&ImuSample { at, accel_mps2: In::new(0.0, 0.0, -9.80665), gyro_radps: In::zero() });
+//!     estimator.imu(&ImuSample { at, accel_mps2: In::new(0.0, 0.0, -9.80665), gyro_radps: In::zero(), mag: None });
 //!     estimator.update(at);
 //! }
 //! let state = estimator.state();

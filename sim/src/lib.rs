@@ -35,7 +35,7 @@ mod walls;
 mod world;
 
 pub use config::{INDOOR_TURBULENCE_N, SimConfig, SimError, VehicleConfig};
-pub use fc::{FcConfig, Firmware};
+pub use fc::{Delivery, FcConfig, Manner, Radio};
 pub use room::{Door, DoorFacts, Place, Room, RoomError, RoomFacts};
 pub use simulator::{Fault, STEP, SimOutput, Simulator, Truth};
 pub use walker::{PERSON_HEIGHT_M, PERSON_RADIUS_M, Then, Walker};

@@ -2,8 +2,10 @@
 
 use crate::config::{SimConfig, SimError, check};
 use crate::craft::{Craft, Shared};
+use crate::fc::Radio;
 use crate::fc::uart::BURST;
 use crate::room::{Room, RoomFacts};
+use crate::sensor::MagneticField;
 use crate::world::World;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -123,6 +125,7 @@ impl Simulator {
     pub fn new(config: SimConfig) -> Result<Self, SimError> {
         check(&config)?;
         let anchor = config.room.anchor();
+        let field = MagneticField::new(config.room.segments(), &anchor, config.seed);
         let crafts: Vec<Craft> = config
             .vehicles
             .iter()
@@ -136,6 +139,7 @@ impl Simulator {
                     config.seed,
                     i,
                     &anchor,
+                    &field,
                 )
             })
             .collect();
@@ -212,6 +216,23 @@ impl Simulator {
     pub fn carry_to(&mut self, vehicle: usize, pose: MapPose) {
         self.crafts[vehicle].carry_to(pose, &self.anchor);
         self.place_vehicles();
+    }
+
+    /// What the pilot's transmitter sends to a vehicle from now on; none = switched off or out of reach.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn set_radio(&mut self, vehicle: usize, radio: Option<Radio>) {
+        self.crafts[vehicle].fc.set_radio(radio);
+    }
+
+    /// Roll, pitch, yaw, throttle as the mixer of a vehicle's controller gets them, us: what a test of a hand-over watches.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn receiver_us(&self, vehicle: usize) -> [u16; 4] {
+        self.crafts[vehicle].fc.receiver_us()
     }
 
     /// Swaps the battery for one with this charge, 0..=1.

@@ -24,7 +24,7 @@ use bridge::settings::{Origin, Settings};
 use bridge::station::{GroundStation, Reply};
 use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::raw;
-use sim::{Room, SimConfig, Truth, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Room, SimConfig, Truth, VehicleConfig, Walker};
 use std::time::Duration;
 use vehicle::{MapPose, Pace, RingConfig, Timestamp};
 
@@ -61,6 +61,8 @@ pub struct Scenario {
     people: Vec<Walker>,
     flow: bool,
     charge: f64,
+    manner: Manner,
+    beside_radio: bool,
     params: Vec<(String, String)>,
 }
 
@@ -83,6 +85,8 @@ impl Scenario {
             people: Vec::new(),
             flow: true,
             charge: 1.0,
+            manner: Manner::default(),
+            beside_radio: false,
             params: Vec::new(),
         }
     }
@@ -136,6 +140,20 @@ impl Scenario {
         self
     }
 
+    /// Firmware that the fake flight controller pretends to be.
+    #[must_use]
+    pub fn manner(mut self, manner: Manner) -> Self {
+        self.manner = manner;
+        self
+    }
+
+    /// A pilot's radio is the receiver; set what it sends with `world.simulator.set_radio`.
+    #[must_use]
+    pub fn beside_radio(mut self) -> Self {
+        self.beside_radio = true;
+        self.param("KST_RADIO", "1")
+    }
+
     /// A parameter of the vehicle.
     #[must_use]
     pub fn param(mut self, name: &str, value: &str) -> Self {
@@ -152,8 +170,8 @@ impl Scenario {
             ""
         };
         format!(
-            "kestrel sim {} --seed {} --rangers {}{start}",
-            self.room, self.seed, self.ring
+            "kestrel sim {} --seed {} --rangers {} --manner {}{start}",
+            self.room, self.seed, self.ring, self.manner
         )
     }
 
@@ -177,11 +195,15 @@ impl Scenario {
                 .set_text(name, value, Origin::CommandLine)
                 .expect("a known parameter");
         }
-        let vehicle = VehicleConfig {
+        let mut vehicle = VehicleConfig {
             flow: self.flow,
             charge: self.charge,
             ..VehicleConfig::new(pose, ring.clone())
         };
+        vehicle.fc.manner = self.manner;
+        if self.beside_radio {
+            vehicle.fc.delivery = Delivery::BesideRadio;
+        }
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.people.clone(),

@@ -23,14 +23,15 @@ use super::mode::Because;
 use super::modes::{Air, Cockpit};
 use super::supervisor::{FC_SILENT_S, Facts, Supervisor, Verdict};
 use crate::fc::convert::Convert;
-use crate::fc::poll;
+use crate::fc::{poll, stock_curves};
 use crate::sensor::ring::{Measured, Ring};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
-use control::{ControlOutput, Controller, Phase};
+use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
 use estimator::Estimator;
 use msp::client::Client;
+use msp::firmware::Firmware;
 use planner::mission::Mission;
 use planner::navigator::Navigator;
 use std::collections::VecDeque;
@@ -412,6 +413,7 @@ impl Flight {
         if self
             .supervisor
             .is_blind_too_long(dt_s, is_flying, has_attitude)
+            && !self.handover.has_radio()
         {
             self.disarm(now);
         }
@@ -459,7 +461,9 @@ impl Flight {
 
     /// Leaves the floor or stops the motors as the arbiter ordered.
     fn follow(&mut self, now: Timestamp, nav: &NavState, order: &Order) {
-        if order.disarm {
+        if order.disarm && self.handover.has_radio() {
+            self.rest(now, nav);
+        } else if order.disarm {
             self.disarm(now);
         } else if order.lift_off && self.air == Air::Ground && self.arming.is_armed() {
             self.air = Air::SpoolUp;
@@ -469,12 +473,26 @@ impl Flight {
             )));
         } else if let Arming::Armed { since } = self.arming
             && self.air == Air::Ground
+            && !self.handover.has_radio()
         {
             let limit_s = self.settings.autopilot.disarm_preflight_s;
             if limit_s > 0.0 && now.since(since).as_secs_f64() > limit_s {
                 self.disarm(now);
             }
         }
+    }
+
+    /// Landed beside a radio: throttle at the bottom until the pilot disarms.
+    fn rest(&mut self, now: Timestamp, nav: &NavState) {
+        if self.air == Air::Ground {
+            return;
+        }
+        self.air = Air::Ground;
+        self.controller.reset(nav);
+        self.with_cockpit(now, 0.0, nav, |arbiter, c| arbiter.disarmed(c));
+        self.emit(Output::Event(Event::Landed(
+            self.arbiter.landed_state(self.air),
+        )));
     }
 
     // ---- sensors of the companion computer ---------------------------------------------------------------------
@@ -532,11 +550,9 @@ impl Flight {
     // ---- settings ---------------------------------------------------------------------------------------------
 
     fn apply_settings(&mut self) {
-        let has_radio = self.settings.autopilot.radio;
-        if has_radio != self.handover.has_radio() && self.arming == Arming::Neutral {
-            self.handover = Handover::new(has_radio);
-        }
-        self.controller.set_params(self.settings.control.clone());
+        let firmware = self.client.identity().map(|identity| identity.firmware);
+        self.controller
+            .set_params(control_params(&self.settings, firmware));
         self.navigator
             .set_params(self.settings.planner.clone(), self.settings.vfh.clone());
         self.arbiter
@@ -600,6 +616,15 @@ impl Flight {
         s.home = self.home;
         s.home_yaw_rad = self.home_yaw_rad;
     }
+}
+
+/// Tuning, with the stick curves of the firmware where they are left to it.
+fn control_params(settings: &Settings, firmware: Option<Firmware>) -> ControlParams {
+    let mut params = settings.control.clone();
+    if let Some(firmware) = firmware {
+        stock_curves::apply(firmware, &mut params);
+    }
+    params
 }
 
 /// A known start is known this well, m.

@@ -21,6 +21,8 @@ use vehicle::{Sticks, Timestamp};
 
 /// Largest change of a stick a frame until our own sticks are reached; 1 = full deflection.
 const STEP: f64 = 0.04;
+/// The steps stay small for this long after a hand-back, while our loops find the motion he left.
+const HAND_BACK: Duration = Duration::from_secs(1);
 /// Sticks of the pilot older than this are not repeated.
 const FRESH: Duration = Duration::from_millis(500);
 
@@ -52,8 +54,9 @@ pub enum Change {
 pub struct Handover {
     steering: Steering,
     pilot: Option<(Sticks, Timestamp)>,
-    /// Last sticks on the way to our own; none once they are reached.
+    /// Last sticks on the way to our own; none once they are reached and the hand-back is over.
     leaving: Option<Sticks>,
+    handed_back: Timestamp,
 }
 
 impl Handover {
@@ -68,6 +71,7 @@ impl Handover {
             },
             pilot: None,
             leaving: None,
+            handed_back: Timestamp::ZERO,
         }
     }
 
@@ -127,13 +131,14 @@ impl Handover {
     ///
     /// # Errors
     /// The pilot's switch is off.
-    pub fn ask(&mut self) -> Result<bool, Refusal> {
+    pub fn ask(&mut self, now: Timestamp) -> Result<bool, Refusal> {
         match self.steering {
             Steering::Alone | Steering::Kestrel => Ok(false),
             Steering::Pilot => Err(Refusal::PilotSteers),
             Steering::Offered => {
                 self.steering = Steering::Kestrel;
                 self.leaving = Some(self.pilot());
+                self.handed_back = now;
                 Ok(true)
             }
         }
@@ -160,7 +165,8 @@ impl Handover {
                     yaw: near(last.yaw, own.yaw),
                     throttle: near(last.throttle, own.throttle),
                 };
-                self.leaving = (next != own).then_some(next);
+                let is_over = next == own && now.since(self.handed_back) >= HAND_BACK;
+                self.leaving = (!is_over).then_some(next);
                 Some(next)
             }
         }
@@ -193,8 +199,10 @@ mod tests {
         let mut h = Handover::new(true);
         h.heard_pilot(ms(0), HIS);
         h.observe(true);
-        h.ask().unwrap();
-        while h.sticks(ms(1), OURS) != Some(OURS) {}
+        h.ask(ms(0)).unwrap();
+        while h.leaving.is_some() {
+            h.sticks(ms(1_000), OURS);
+        }
         h
     }
 
@@ -203,7 +211,7 @@ mod tests {
         let mut h = Handover::new(false);
         assert_eq!(h.observe(false), None);
         assert_eq!(h.sticks(ms(0), OURS), Some(OURS));
-        assert_eq!(h.ask(), Ok(false));
+        assert_eq!(h.ask(ms(0)), Ok(false));
     }
 
     #[test]
@@ -221,10 +229,14 @@ mod tests {
         let mut h = steering();
         h.observe(false);
         h.heard_pilot(ms(20), HIS);
-        assert_eq!(h.ask(), Err(Refusal::PilotSteers), "his switch is off");
+        assert_eq!(
+            h.ask(ms(30)),
+            Err(Refusal::PilotSteers),
+            "his switch is off"
+        );
         assert_eq!(h.observe(true), Some(Change::Offered));
         assert_eq!(h.sticks(ms(40), OURS), None);
-        assert_eq!(h.ask(), Ok(true));
+        assert_eq!(h.ask(ms(50)), Ok(true));
         assert_eq!(h.steering(), Steering::Kestrel);
     }
 
@@ -244,7 +256,7 @@ mod tests {
             let mut h = Handover::new(true);
             h.heard_pilot(ms(0), of(his));
             h.observe(true);
-            h.ask().unwrap();
+            h.ask(ms(0)).unwrap();
             let mut last = of(his);
             for own in ours {
                 let next = h.sticks(ms(1), of(own)).unwrap();

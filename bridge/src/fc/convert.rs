@@ -5,8 +5,9 @@
 //! | ATTITUDE roll 0.1 deg right +, pitch 0.1 deg nose DOWN +, yaw whole deg clockwise | rad, pitch nose up + |
 //! | RAW_IMU acc counts, forward left up | m/s2, forward right down: (x, -y, -z) |
 //! | RAW_IMU gyro counts, x roll right, y nose down, z counter-clockwise | rad/s: (x, -y, -z) |
+//! | RAW_IMU mag counts, forward left up; all zero without a magnetometer | counts, (x, -y, -z); none |
 //! | ALTITUDE cm, cm/s | m, m/s, up + |
-//! | ANALOG, BATTERY_STATE 0.1 or 0.01 V, 0.01 A | V, A |
+//! | ANALOG, BATTERY_STATE, INAV_ANALOG 0.1 or 0.01 V, 0.01 A | V, A |
 //!
 //! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
 
@@ -77,6 +78,7 @@ pub const fn cycle_time_us(reply: &Reply) -> Option<u16> {
 pub struct Convert {
     gyro_radps_per_count: f64,
     acc_mps2_per_count: Option<f64>,
+    has_only_analog: bool,
     norm_sum: f64,
     norm_samples: u32,
 }
@@ -88,6 +90,7 @@ impl Convert {
         Self {
             gyro_radps_per_count: (1.0 / firmware.gyro_counts_per_dps()).to_radians(),
             acc_mps2_per_count: firmware.acc_counts_per_g().map(|c| GRAVITY_MPS2 / c),
+            has_only_analog: !matches!(firmware, Firmware::Betaflight | Firmware::Inav),
             norm_sum: 0.0,
             norm_samples: 0,
         }
@@ -108,6 +111,7 @@ impl Convert {
     pub fn imu(&mut self, at: Timestamp, raw: &RawImu, at_rest: bool) -> Option<ImuSample> {
         let [ax, ay, az] = raw.acc.map(f64::from);
         let [gx, gy, gz] = raw.gyro.map(f64::from);
+        let [mx, my, mz] = raw.mag.map(f64::from);
         if self.acc_mps2_per_count.is_none() && at_rest {
             self.learn_scale(libm::sqrt(ax * ax + ay * ay + az * az));
         }
@@ -117,6 +121,7 @@ impl Convert {
             at,
             accel_mps2: In::new(ax, -ay, -az) * acc,
             gyro_radps: In::new(gx, -gy, -gz) * gyro,
+            mag: (raw.mag != [0; 3]).then(|| In::new(mx, -my, -mz)),
         })
     }
 
@@ -170,10 +175,11 @@ impl Convert {
         }
     }
 
-    /// Battery from the message of controllers that have none of its own: cells and capacity are not told.
+    /// Battery of a firmware that has only ANALOG, where cells and capacity are not told; none for Betaflight and INAV, whose own
+    /// messages say more.
     #[must_use]
-    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> BatterySample {
-        BatterySample {
+    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> Option<BatterySample> {
+        self.has_only_analog.then(|| BatterySample {
             at,
             voltage_v: a
                 .vbat_cv
@@ -182,7 +188,7 @@ impl Convert {
             used_mah: f64::from(a.drawn_mah),
             cells: 0,
             remaining: None,
-        }
+        })
     }
 
     /// Battery of INAV, which judges itself what is left.

@@ -3,3 +3,4 @@
 pub mod convert;
 pub mod poll;
 pub mod rc_out;
+pub mod stock_curves;

@@ -66,6 +66,7 @@ pub struct Lockstep {
     truth: Option<TruthFile>,
     truth_pace: Pace,
     recorder: Option<Recorder>,
+    kept: Option<Vec<(Timestamp, Input)>>,
     ticks_seen: u64,
     held_until: Timestamp,
     frozen_until: Timestamp,
@@ -127,6 +128,7 @@ impl Lockstep {
             truth: None,
             truth_pace: Pace::hz(TRUTH_HZ),
             recorder: None,
+            kept: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
             frozen_until: Timestamp::ZERO,
@@ -145,6 +147,16 @@ impl Lockstep {
     /// Writes every input of `Flight` from now on.
     pub fn write_record(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
+    }
+
+    /// Keeps every input of `Flight` in memory from now on, for whoever wants to fly it again.
+    pub fn keep_inputs(&mut self) {
+        self.kept.get_or_insert_default();
+    }
+
+    /// The inputs kept so far.
+    pub fn take_inputs(&mut self) -> Vec<(Timestamp, Input)> {
+        self.kept.take().unwrap_or_default()
     }
 
     /// Virtual time.
@@ -262,6 +274,9 @@ impl Lockstep {
             return;
         }
         self.log(&Record::Input(&input));
+        if let Some(kept) = &mut self.kept {
+            kept.push((self.now, input.clone()));
+        }
         self.flight.handle(self.now, input);
         while let Some(output) = self.flight.poll() {
             match output {

@@ -1,6 +1,6 @@
 //! The flight controller's side of `Flight`: what it says, what it is told.
 
-use super::{Air, Event, Flight, Notice, OUTPUTS, Output};
+use super::{Air, Event, Flight, Notice, OUTPUTS, Output, control_params};
 use crate::autopilot::arming::FcArmState;
 use crate::autopilot::handover::Change;
 use crate::autopilot::io::FcBytes;
@@ -47,11 +47,11 @@ pub(super) struct Link {
     pub(super) listening_since: Timestamp,
     /// Four letters of a firmware that is watched only.
     pub(super) unknown_firmware: Option<[u8; 4]>,
-    has_battery_state: bool,
     /// Cycle time 0 since.
     stalled_since: Option<Timestamp>,
     pub(super) is_stalled: bool,
-    online_since: Option<Timestamp>,
+    /// Time, replies and RC frames at the start of the window in which its rate is judged.
+    window: Option<(Timestamp, u64, u64)>,
     is_slow_told: bool,
     rc_sent_at: Option<Timestamp>,
 }
@@ -87,6 +87,8 @@ impl Flight {
 
     fn identified(&mut self, now: Timestamp, identity: &Identity) {
         self.convert = Some(Convert::new(identity.firmware));
+        let params = control_params(&self.settings, Some(identity.firmware));
+        self.controller.set_params(params);
         let version = [
             identity.version.major,
             identity.version.minor,
@@ -97,7 +99,6 @@ impl Flight {
             replies_seen: self.link.replies_seen,
             heard: Some(now),
             listening_since: self.link.listening_since,
-            online_since: Some(now),
             unknown_firmware: matches!(identity.firmware, Firmware::Other(_)).then_some(variant),
             ..Link::default()
         };
@@ -153,12 +154,11 @@ impl Flight {
             }
             Reply::BatteryState(b) => {
                 self.snapshot.battery = Some(convert.battery(sampled, b));
-                self.link.has_battery_state = true;
             }
             Reply::Analog(a) => {
                 self.fc.rssi = Some(convert.rssi(a.rssi));
-                if !self.link.has_battery_state {
-                    self.snapshot.battery = Some(convert.battery_of_analog(sampled, a));
+                if let Some(battery) = convert.battery_of_analog(sampled, a) {
+                    self.snapshot.battery = Some(battery);
                 }
             }
             Reply::InavAnalog(a) => {
@@ -302,16 +302,22 @@ impl Flight {
 
     /// Tells once a connection when the controller serves too little, with the line that would help.
     pub(super) fn watch_rate(&mut self, now: Timestamp) {
-        let Some(since) = self.link.online_since else {
-            return;
-        };
-        if self.link.is_slow_told || !self.client.is_online() || now.since(since) < SLOW_AFTER {
+        let statistics = self.client.statistics();
+        let (replies, rc_sent) = (statistics.replies, statistics.rc_sent);
+        if self.link.is_slow_told || !self.client.is_online() {
             return;
         }
-        let served_hz = self.client.statistics().reply_rate_hz;
-        let rc_hz = 1.0 / self.beat.period().as_secs_f64();
+        let window = *self.link.window.get_or_insert((now, replies, rc_sent));
+        let seconds = now.since(window.0).as_secs_f64();
+        if seconds < SLOW_AFTER.as_secs_f64() {
+            return;
+        }
+        self.link.window = None;
+        let rc_hz = (rc_sent - window.2) as f64 / seconds;
+        let served_hz = (replies - window.1) as f64 / seconds;
         let wanted_hz = self.client.demand_hz() + rc_hz;
-        if served_hz > 0.0 && served_hz < SLOW_BELOW * wanted_hz {
+        // RC frames go first; what is too slow is what the controller has left for our questions.
+        if served_hz > 0.0 && served_hz - rc_hz < SLOW_BELOW * self.client.demand_hz() {
             self.link.is_slow_told = true;
             let has_setting = self.fc.variant == *b"BTFL";
             self.emit(Output::Event(Event::Notice(Notice::FcSlow {

@@ -186,7 +186,7 @@ impl Flight {
                     arbiter.request(c, asked, is_armed)
                 })?;
                 // Only what is accepted takes them: a refused request leaves the pilot alone.
-                if takes_sticks && self.handover.ask()? {
+                if takes_sticks && self.handover.ask(now)? {
                     self.emit(Output::Event(Event::Notice(Notice::PilotHandedBack)));
                 }
                 Ok(outcome)
