@@ -162,6 +162,14 @@ fn job_thread(wake: Arc<OwnedFd>) -> io::Result<Jobs> {
     Ok((jobs, done))
 }
 
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a thread that does nothing but wait for a device"
+)]
+fn pause() {
+    thread::sleep(REOPEN);
+}
+
 /// Opens the line whenever it is wanted, for as long as it takes.
 fn line_thread(
     endpoint: Endpoint,
@@ -177,7 +185,7 @@ fn line_thread(
             for () in wanted {
                 // A device that has just vanished takes a moment to be really gone.
                 if !is_first {
-                    thread::sleep(REOPEN);
+                    pause();
                 }
                 is_first = false;
                 let mut told = false;
@@ -190,7 +198,7 @@ fn line_thread(
                         }
                         Err(_) => {}
                     }
-                    thread::sleep(REOPEN);
+                    pause();
                 };
                 let _ = tell.try_send(News::LineOpened);
                 if opened.send(line).is_err() {

@@ -132,7 +132,7 @@ impl Script {
                 }
             }
             if let Some(prompt) = self.prompt
-                && self.now.us() % 50_000 == 0
+                && self.now.us().is_multiple_of(50_000)
             {
                 self.input(Input::Fc(prompt.iter().copied().collect()));
             }
