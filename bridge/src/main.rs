@@ -29,10 +29,14 @@ enum Command {
     Demo(cmd::demo::DemoArgs),
     /// Fly the real thing.
     Fly(cmd::fly::FlyArgs),
+    /// Look into the protocol of flight controllers.
+    Msp(cmd::msp::MspArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
     Rooms(cmd::rooms::RoomsArgs),
+    /// Run an estimator on a recorded log.
+    Eval(cmd::eval::EvalArgs),
 }
 
 fn main() -> ExitCode {
@@ -44,8 +48,10 @@ fn main() -> ExitCode {
         Command::Sim(args) => cmd::sim::run(args),
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
+        Command::Msp(args) => cmd::msp::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
+        Command::Eval(args) => cmd::eval::run(args),
     };
     match result {
         Ok(code) => code,

@@ -14,6 +14,7 @@
 //! | `quad` | rigid body, motors, battery, contact |
 //! | [`fc`] | the fake flight controller: MSP server, arming, failsafe, angle mode |
 //! | [`sensor`] | one file per sensor, each with the table of faults it follows |
+//! | [`imu_board`] | firmware of uQuad's inertial unit and a bench with simulated chips |
 //! | `craft`, `noise` | one vehicle put together; seeded streams, one per purpose |
 //!
 //! Positions are NED about the plan's home, whatever the start; plan coordinates are metres as drawn.
@@ -25,6 +26,7 @@ pub mod config;
 mod craft;
 pub mod fc;
 mod geometry;
+pub mod imu_board;
 mod noise;
 mod quad;
 pub mod room;

@@ -226,13 +226,14 @@ impl Simulator {
         self.crafts[vehicle].fc.set_radio(radio);
     }
 
-    /// Roll, pitch, yaw, throttle as the mixer of a vehicle's controller gets them, us: what a test of a hand-over watches.
+    /// Roll, pitch (nose **down**), yaw, throttle as they reach the flight controller's loops, us: whoever sent them. For
+    /// judging who flies.
     ///
     /// # Panics
     /// If there is no such vehicle.
     #[must_use]
-    pub fn receiver_us(&self, vehicle: usize) -> [u16; 4] {
-        self.crafts[vehicle].fc.receiver_us()
+    pub fn used_sticks_us(&self, vehicle: usize) -> [u16; 4] {
+        self.crafts[vehicle].fc.used_sticks_us()
     }
 
     /// Swaps the battery for one with this charge, 0..=1.

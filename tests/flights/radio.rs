@@ -70,7 +70,7 @@ fn hovering(manner: Manner, seed: u64) -> (Flight, u16) {
     let mut sum_us = 0;
     for _ in 0..600 {
         f.step();
-        sum_us += u32::from(f.world.simulator.receiver_us(0)[3]);
+        sum_us += u32::from(f.world.simulator.used_sticks_us(0)[3]);
     }
     (f, (sum_us / 600) as u16)
 }
@@ -88,7 +88,7 @@ fn round(manner: Manner, seed: u64) {
     let mut told_s = None;
     while f.now().since(from).as_secs_f64() < 1.5 {
         f.step();
-        let at_mixer = f.world.simulator.receiver_us(0);
+        let at_mixer = f.world.simulator.used_sticks_us(0);
         let is_heard = f.now().since(from).as_secs_f64() > RADIO_PERIOD_S;
         f.assert(
             at_mixer == his || !is_heard,
@@ -118,7 +118,7 @@ fn round(manner: Manner, seed: u64) {
     let from = f.now();
     while f.now().since(from).as_secs_f64() < 1.0 {
         f.step();
-        let at_mixer = f.world.simulator.receiver_us(0);
+        let at_mixer = f.world.simulator.used_sticks_us(0);
         f.assert(at_mixer == his, &format!("{at_mixer:?} without a request"));
     }
 
@@ -131,7 +131,7 @@ fn round(manner: Manner, seed: u64) {
     let from = f.now();
     while f.now().since(from).as_secs_f64() < 5.0 {
         f.step();
-        let at_mixer = f.world.simulator.receiver_us(0);
+        let at_mixer = f.world.simulator.used_sticks_us(0);
         if f.now().since(from).as_secs_f64() < 0.4 {
             for (l, (a, b)) in largest.iter_mut().zip(at_mixer.into_iter().zip(last)) {
                 *l = (*l).max(a.abs_diff(b));

@@ -24,7 +24,7 @@ use bridge::settings::{Origin, Settings};
 use bridge::station::{GroundStation, Reply};
 use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::raw;
-use sim::{Delivery, Manner, Room, SimConfig, Truth, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Radio, Room, SimConfig, Truth, VehicleConfig, Walker};
 use std::time::Duration;
 use vehicle::{MapPose, Pace, RingConfig, Timestamp};
 
@@ -62,7 +62,7 @@ pub struct Scenario {
     flow: bool,
     charge: f64,
     manner: Manner,
-    beside_radio: bool,
+    delivery: Delivery,
     params: Vec<(String, String)>,
 }
 
@@ -86,7 +86,7 @@ impl Scenario {
             flow: true,
             charge: 1.0,
             manner: Manner::default(),
-            beside_radio: false,
+            delivery: Delivery::default(),
             params: Vec::new(),
         }
     }
@@ -147,11 +147,17 @@ impl Scenario {
         self
     }
 
+    /// Settings of the flight controller at the start: beside a radio, as delivered ...
+    #[must_use]
+    pub fn delivery(mut self, delivery: Delivery) -> Self {
+        self.delivery = delivery;
+        self
+    }
+
     /// A pilot's radio is the receiver; set what it sends with `world.simulator.set_radio`.
     #[must_use]
-    pub fn beside_radio(mut self) -> Self {
-        self.beside_radio = true;
-        self.param("KST_RADIO", "1")
+    pub fn beside_radio(self) -> Self {
+        self.delivery(Delivery::BesideRadio).param("KST_RADIO", "1")
     }
 
     /// A parameter of the vehicle.
@@ -201,9 +207,7 @@ impl Scenario {
             ..VehicleConfig::new(pose, ring.clone())
         };
         vehicle.fc.manner = self.manner;
-        if self.beside_radio {
-            vehicle.fc.delivery = Delivery::BesideRadio;
-        }
+        vehicle.fc.delivery = self.delivery;
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.people.clone(),
@@ -250,6 +254,11 @@ impl Flight {
     #[must_use]
     pub fn truth(&self) -> Truth {
         self.world.simulator.truth(0)
+    }
+
+    /// The pilot's transmitter from now on; none = off.
+    pub fn radio(&mut self, radio: Option<Radio>) {
+        self.world.simulator.set_radio(0, radio);
     }
 
     /// What the vehicle believes and does.

@@ -547,17 +547,6 @@ pub enum Notice {
         /// What it calls itself.
         variant: [u8; 4],
     },
-    /// Its scheduler does not run: cycle time 0.
-    FcStalled,
-    /// It serves fewer messages than flying well takes.
-    FcSlow {
-        /// Messages it serves a second.
-        served_hz: u16,
-        /// Messages wanted a second.
-        wanted_hz: u16,
-        /// It is a Betaflight, which has a setting for that.
-        has_setting: bool,
-    },
     /// The pilot flipped his switch: he steers.
     PilotTookOver,
     /// The pilot's switch is on: a mode may be asked for.
@@ -617,6 +606,17 @@ pub enum Notice {
         /// Beats missed.
         missed: u64,
     },
+    /// The flight controller has started anew.
+    FcRestarted,
+    /// The flight controller serves fewer requests than flight wants.
+    FcSlow {
+        /// Requests per second it serves.
+        service_hz: u16,
+        /// Whether one line of Betaflight's command line makes it faster.
+        has_cli_line: bool,
+    },
+    /// The control loop of the flight controller stands still.
+    FcStalled,
 }
 
 impl Notice {
@@ -635,9 +635,10 @@ impl Notice {
             | Self::ItemRefused { .. }
             | Self::WayBlocked
             | Self::FcUnknown { .. }
-            | Self::FcStalled
-            | Self::FcSlow { .. }
+            | Self::FcRestarted
             | Self::PilotOffers => Severity::Warning,
+            Self::FcStalled => Severity::Error,
+            Self::FcSlow { .. } => Severity::Notice,
             _ => Severity::Info,
         }
     }
@@ -663,21 +664,6 @@ impl fmt::Display for Notice {
             ),
             Self::FcUnknown { variant } => {
                 write!(f, "{}", Refusal::FcUnknown { variant: *variant })
-            }
-            Self::FcStalled => write!(f, "{}", Refusal::FcStalled),
-            Self::FcSlow {
-                served_hz,
-                wanted_hz,
-                has_setting,
-            } => {
-                write!(
-                    f,
-                    "Flight controller serves {served_hz} of {wanted_hz} messages/s"
-                )?;
-                if *has_setting {
-                    write!(f, ": in its CLI `set serial_update_rate_hz = 1000`, `save`")?;
-                }
-                Ok(())
             }
             Self::PilotTookOver => write!(f, "Pilot took over: his radio steers"),
             Self::PilotOffers => write!(
@@ -710,6 +696,18 @@ impl fmt::Display for Notice {
                 f,
                 "Flight: sample to command {sample_to_command}, {missed} beats missed"
             ),
+            Self::FcRestarted => write!(f, "Flight controller restarted"),
+            Self::FcSlow {
+                service_hz,
+                has_cli_line: true,
+            } => write!(
+                f,
+                "FC serves {service_hz}/s; CLI: set serial_update_rate_hz = 1000"
+            ),
+            Self::FcSlow { service_hz, .. } => {
+                write!(f, "FC serves {service_hz}/s: raise the baud rate")
+            }
+            Self::FcStalled => write!(f, "FC control loop stands still: restart it"),
         }
     }
 }

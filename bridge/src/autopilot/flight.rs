@@ -337,7 +337,6 @@ impl Flight {
         });
         self.send_rc(now, sticks.as_ref());
         self.prepare_standby(hover);
-        self.watch_rate(now);
         let sent = sticks.map_or(Sticks::IDLE, |s| *s.get());
         self.take_snapshot(now, &nav, &setpoint, sent);
     }

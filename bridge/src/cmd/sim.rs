@@ -15,7 +15,7 @@ use bridge::io::record::Recorder;
 use bridge::io::truth::TruthFile;
 use bridge::settings::{Origin, Settings};
 use clap::{Args, ValueEnum};
-use sim::{Manner, Room, SimConfig, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -51,6 +51,10 @@ pub(crate) struct SimArgs {
     /// Firmware that the simulated flight controller pretends to be: bf-old, bf-4.6, bf-new, inav, cleanflight, multiwii.
     #[arg(long, value_name = "NAME", default_value_t = Manner::default())]
     pub(crate) manner: Manner,
+    /// Settings of the flight controller at the start: ready-to-fly (RC by MSP, switches set), beside-radio (a pilot's
+    /// receiver, override box on Aux4), factory (as delivered, for `kestrel fc provision`).
+    #[arg(long, value_name = "STATE", default_value_t = Delivery::default())]
+    pub(crate) fc_settings: Delivery,
     /// Optical flow sensor.
     #[arg(long, default_value = "on")]
     pub(crate) flow: Switch,
@@ -102,6 +106,7 @@ impl Default for SimArgs {
             start: None,
             rangers: "tof32".to_owned(),
             manner: Manner::default(),
+            fc_settings: Delivery::default(),
             flow: Switch::On,
             mavlink: Vec::new(),
             truth: None,
@@ -280,6 +285,7 @@ impl SimArgs {
             ..VehicleConfig::new(pose, self.ring()?)
         };
         vehicle.fc.manner = self.manner;
+        vehicle.fc.delivery = self.fc_settings;
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.person.iter().map(|p| p.0.clone()).collect(),

@@ -78,7 +78,6 @@ pub const fn cycle_time_us(reply: &Reply) -> Option<u16> {
 pub struct Convert {
     gyro_radps_per_count: f64,
     acc_mps2_per_count: Option<f64>,
-    has_only_analog: bool,
     norm_sum: f64,
     norm_samples: u32,
 }
@@ -90,7 +89,6 @@ impl Convert {
         Self {
             gyro_radps_per_count: (1.0 / firmware.gyro_counts_per_dps()).to_radians(),
             acc_mps2_per_count: firmware.acc_counts_per_g().map(|c| GRAVITY_MPS2 / c),
-            has_only_analog: !matches!(firmware, Firmware::Betaflight | Firmware::Inav),
             norm_sum: 0.0,
             norm_samples: 0,
         }
@@ -175,11 +173,10 @@ impl Convert {
         }
     }
 
-    /// Battery of a firmware that has only ANALOG, where cells and capacity are not told; none for Betaflight and INAV, whose own
-    /// messages say more.
+    /// Battery from the message of controllers that have none of its own: cells and capacity are not told.
     #[must_use]
-    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> Option<BatterySample> {
-        self.has_only_analog.then(|| BatterySample {
+    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> BatterySample {
+        BatterySample {
             at,
             voltage_v: a
                 .vbat_cv
@@ -188,7 +185,7 @@ impl Convert {
             used_mah: f64::from(a.drawn_mah),
             cells: 0,
             remaining: None,
-        })
+        }
     }
 
     /// Battery of INAV, which judges itself what is left.

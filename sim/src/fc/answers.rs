@@ -13,8 +13,8 @@ use msp::firmware::box_id;
 use msp::message::{
     Altitude, Analog, ApiVersion, Attitude, AttitudeQuaternion, BatteryProfiles, BatteryState,
     BoardInfo, BoxIds, BoxNames, BuildInfo, FcVariant, FcVersion, FeatureConfig, Ident, InavAnalog,
-    InavStatus, Message, MixerConfig, ModeRanges, Motor, MotorConfig, Name, RawImu, Rc, Status,
-    StatusEx, StatusExTail, StatusHead, StatusTail, Uid,
+    InavStatus, Message, MixerConfig, ModeRanges, Motor, MotorConfig, Name, RawImu, Rc,
+    SonarAltitude, Status, StatusEx, StatusExTail, StatusHead, StatusTail, Uid,
 };
 use msp::{LongText, ShortText, command};
 use vehicle::airframe::GRAVITY_MPS2;
@@ -115,6 +115,8 @@ impl FlightController {
             .emit(out),
             command::RX_CONFIG => self.settings.rx.emit(out),
             command::RX_MAP => self.settings.rx_map(table.wire.rx_map_len).emit(out),
+            // No rangefinder on board: both firmwares say 0.
+            command::SONAR_ALTITUDE => SonarAltitude { altitude_cm: 0 }.emit(out),
             command::STATUS => self.status().emit(out),
             command::STATUS_EX => self.status_ex().emit(out),
             MULTIWII_BOX => self.switches(out),

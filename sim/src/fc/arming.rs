@@ -22,7 +22,9 @@ pub(crate) mod cause {
     pub(crate) const REBOOT: u32 = 1 << 7;
     /// Another box is on.
     pub(crate) const BOX: u32 = 1 << 8;
-    pub(crate) const ARM_SWITCH: u32 = 1 << 9;
+    /// The text command line is open.
+    pub(crate) const CLI: u32 = 1 << 9;
+    pub(crate) const ARM_SWITCH: u32 = 1 << 10;
 }
 
 /// What arming depends on in this step.
@@ -39,6 +41,7 @@ pub(super) struct Situation {
     /// How long it lands blindly before it disarms.
     pub(super) landing: core::time::Duration,
     pub(super) needs_reboot: bool,
+    pub(super) in_cli: bool,
     /// Bits of boxes that block and are on.
     pub(super) blocking_boxes: u32,
 }
@@ -119,6 +122,7 @@ impl Arming {
             (s.tilt_cos < SMALL_ANGLE_COS, cause::TILT),
             (self.not_disarmed, cause::NOT_DISARMED),
             (s.needs_reboot, cause::REBOOT),
+            (s.in_cli, cause::CLI),
             (s.blocking_boxes != 0, cause::BOX),
         ];
         let always = [
@@ -184,6 +188,7 @@ mod tests {
             failsafe_drops: true,
             landing: Duration::ZERO,
             needs_reboot: false,
+            in_cli: false,
             blocking_boxes: 0,
         }
     }

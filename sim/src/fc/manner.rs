@@ -225,6 +225,8 @@ pub(super) struct ReceiverRules {
     pub(super) min_check_us: u16,
     /// Factory FAILSAFE_CONFIG: delay 0.1 s, landing time, throttle us, procedure (0 land, 1 drop).
     pub(super) failsafe: (u8, u8, u16, u8),
+    /// Bytes that RX_CONFIG and FAILSAFE_CONFIG have beyond the common ones.
+    pub(super) rest: [usize; 2],
     /// How the kind of receiver is chosen.
     pub(super) chosen_by: ReceiverChoice,
 }

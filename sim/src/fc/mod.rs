@@ -11,6 +11,7 @@
 //! | `uart` | bytes that take their time |
 //! | `settings` | what a configurator reads and writes |
 //! | `receiver` | sticks by MSP and by the pilot's radio, their freshness, override |
+//! | `cli` | the text command line behind `#` |
 //! | `arming` | causes, latch, failsafe |
 //! | `estimate` | attitude without a compass |
 //! | `stabilizer` | angle mode, rate loops, mixer |
@@ -19,6 +20,7 @@
 
 mod answers;
 pub(crate) mod arming;
+mod cli;
 mod estimate;
 pub mod manner;
 mod orders;
@@ -30,6 +32,7 @@ pub(crate) mod uart;
 use crate::quad::Quad;
 use crate::sensor::{BARO_STEP_S, Baro, Imu, Mag, MagneticField};
 use arming::{Arming, Situation};
+use cli::Cli;
 use core::time::Duration;
 use estimate::Estimate;
 use manner::Table;
@@ -107,6 +110,7 @@ pub(crate) struct FlightController {
     radio: Option<Radio>,
     hears_radio: bool,
     radio_pace: Pace,
+    cli: Cli,
     /// What runs, and what the eeprom holds.
     settings: Settings,
     saved: Settings,
@@ -129,14 +133,14 @@ impl FlightController {
         field: &Arc<MagneticField>,
     ) -> Self {
         let table = config.manner.table();
-        let settings = Settings::new(table, config.delivery);
+        let settings = Settings::new(table, &config);
         let source = settings.source(table);
         Self {
             config,
             table,
             server: Server::new(),
             uart: Uart::new(config.baud),
-            serial_task: Pace::hz(f64::from(config.serial_rate_hz.max(1))),
+            serial_task: Pace::hz(f64::from(settings.serial_rate_hz.max(1))),
             silent_until: Timestamp::ZERO,
             receiver: Receiver::new(&table.receiver, table.beside_radio, source),
             arming: Arming::new(Timestamp::ZERO, &table.arming),
@@ -151,6 +155,7 @@ impl FlightController {
             radio: None,
             hears_radio: false,
             radio_pace: Pace::hz(RADIO_HZ),
+            cli: Cli::default(),
             saved: settings.clone(),
             settings,
             source,
@@ -182,10 +187,22 @@ impl FlightController {
 
     fn serve(&mut self, now: Timestamp, quad: &Quad) {
         while let Some(byte) = self.uart.receive(now) {
-            self.server.handle(&[byte]);
+            if self.cli.is_open {
+                self.type_cli(now, byte);
+            } else if byte == b'#' && !self.server.has_partial() {
+                self.open_cli();
+            } else {
+                self.server.handle(&[byte]);
+            }
+        }
+        if !self.cli.out.is_empty() {
+            let out = core::mem::take(&mut self.cli.out);
+            self.uart.send(now, out.as_bytes());
         }
         // One command per run, however many wait.
-        if let Some(request) = self.server.pop() {
+        if !self.cli.is_open
+            && let Some(request) = self.server.pop()
+        {
             self.carry_out(now, &request, quad);
             self.uart.send(now, self.server.output());
             self.server.clear_output();
@@ -204,7 +221,7 @@ impl FlightController {
         let ranges = &self.settings.mode_ranges;
         let range = ranges.iter().find(|r| r.is_used() && r.permanent_id == id);
         let switch = range.map(|r| 4 + usize::from(r.aux));
-        let mask = self.config.override_mask;
+        let mask = self.settings.override_mask;
         self.receiver.update(now, mask, box_on, switch);
         self.hears_radio = self.receiver.signal(now);
     }
@@ -227,6 +244,7 @@ impl FlightController {
             failsafe_drops: failsafe.procedure != 0,
             landing: Duration::from_millis(100 * u64::from(failsafe.landing_time)),
             needs_reboot: self.needs_reboot(),
+            in_cli: self.cli.is_open,
             blocking_boxes,
         });
         if self.arming.is_armed() && !was_armed {
@@ -283,10 +301,6 @@ impl FlightController {
         self.uart.deliver(now)
     }
 
-    pub(crate) fn receiver_us(&self) -> [u16; 4] {
-        [0, 1, 2, 3].map(|i| self.receiver.channels_us()[i])
-    }
-
     pub(crate) const fn is_armed(&self) -> bool {
         self.arming.is_armed()
     }
@@ -294,6 +308,12 @@ impl FlightController {
     /// The vehicle was carried to another heading.
     pub(crate) const fn carried(&mut self, yaw_rad: f64) {
         self.estimate.carried(yaw_rad);
+    }
+
+    /// What the loops fly.
+    pub(crate) const fn used_sticks_us(&self) -> [u16; 4] {
+        let [roll, pitch, yaw, throttle, ..] = *self.receiver.channels_us();
+        [roll, pitch, yaw, throttle]
     }
 
     /// The pilot's transmitter: switched on with these sticks, moved, or off.
@@ -317,8 +337,10 @@ impl FlightController {
         self.server = Server::new();
         self.settings = self.saved.clone();
         self.source = self.settings.source(self.table);
+        self.serial_task = Pace::hz(f64::from(self.settings.serial_rate_hz.max(1)));
         self.arming = Arming::new(now, &self.table.arming);
         self.receiver = Receiver::new(&self.table.receiver, self.table.beside_radio, self.source);
         self.motor_test_us = [1000; 4];
+        self.cli = Cli::default();
     }
 }

@@ -3,6 +3,7 @@
 use super::FlightController;
 use super::manner::{Batch, MULTIWII_SET_BOX};
 use crate::quad::Quad;
+use arrayvec::ArrayVec;
 use msp::command;
 use msp::message::multiple::{MultipleRequest, push_reply};
 use msp::message::{
@@ -200,10 +201,7 @@ impl FlightController {
         let Ok(mut config) = request.parse::<RxConfig>() else {
             return false;
         };
-        let kept = &self.settings.rx.rest;
-        config.rest.truncate(kept.len());
-        let sent = config.rest.len();
-        config.rest.extend(kept.iter().copied().skip(sent));
+        keep_rest(&mut config.rest, &self.settings.rx.rest);
         self.settings.rx = config;
         true
     }
@@ -215,12 +213,23 @@ impl FlightController {
     }
 
     fn set_failsafe(&mut self, request: &Request) -> bool {
-        let config = request.parse::<FailsafeConfig>();
-        config.map(|config| self.settings.failsafe = config).is_ok()
+        let Ok(mut config) = request.parse::<FailsafeConfig>() else {
+            return false;
+        };
+        keep_rest(&mut config.rest, &self.settings.failsafe.rest);
+        self.settings.failsafe = config;
+        true
     }
 
     fn set_name(&mut self, request: &Request) -> bool {
         let name = request.parse::<Name>();
         name.map(|name| self.settings.name = name.name).is_ok()
     }
+}
+
+/// What an older configurator did not send stays as it is; what a newer one sent beyond is ignored.
+fn keep_rest<const N: usize>(sent: &mut ArrayVec<u8, N>, kept: &ArrayVec<u8, N>) {
+    sent.truncate(kept.len());
+    let n = sent.len();
+    sent.extend(kept.iter().copied().skip(n));
 }

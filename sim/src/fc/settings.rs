@@ -10,12 +10,15 @@
 //! As delivered a controller has a serial receiver and no mode switches. [`Delivery::ReadyToFly`] is what a provisioning
 //! tool leaves: RC by MSP, ARM on Aux1 from 1700 us, ANGLE always.
 
+use super::FcConfig;
 use super::manner::{ReceiverChoice, Table};
 use arrayvec::ArrayVec;
 use msp::LongText;
 use msp::firmware::box_id;
 use msp::message::{FailsafeConfig, FeatureConfig, ModeRange, RxConfig, RxMap};
 use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
 
 /// Slots of MSP_MODE_RANGES at most.
 const MOST_SLOTS: usize = 40;
@@ -39,6 +42,36 @@ pub enum Delivery {
     Factory,
 }
 
+impl Delivery {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::ReadyToFly, Self::BesideRadio, Self::Factory];
+
+    /// The name on the command line and in configuration files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ReadyToFly => "ready-to-fly",
+            Self::BesideRadio => "beside-radio",
+            Self::Factory => "factory",
+        }
+    }
+}
+
+impl fmt::Display for Delivery {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Delivery {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|delivery| delivery.name() == s);
+        found.ok_or_else(|| format!("one of {}", Self::ALL.map(Self::name).join(", ")))
+    }
+}
+
 /// Where sticks come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Source {
@@ -56,10 +89,15 @@ pub(super) struct Settings {
     pub(super) rc_order: [usize; 4],
     pub(super) rx: RxConfig,
     pub(super) failsafe: FailsafeConfig,
+    /// Commands that the serial task handles a second.
+    pub(super) serial_rate_hz: u32,
+    /// Channels that MSP may take beside a radio.
+    pub(super) override_mask: u32,
 }
 
 impl Settings {
-    pub(super) fn new(table: &Table, delivery: Delivery) -> Self {
+    pub(super) fn new(table: &Table, config: &FcConfig) -> Self {
+        let delivery = config.delivery;
         let rx_by_msp = delivery == Delivery::ReadyToFly;
         let mut mode_ranges: ArrayVec<ModeRange, MOST_SLOTS> = (0..table.mode_slots)
             .map(|_| ModeRange::default())
@@ -85,10 +123,9 @@ impl Settings {
             spektrum_sat_bind: 0,
             rx_min_us: 885,
             rx_max_us: 2115,
-            rest: ArrayVec::new(),
+            rest: core::iter::repeat_n(0, rules.rest[0]).collect(),
         };
         if rules.chosen_by == ReceiverChoice::ReceiverType {
-            rx.rest = [0; 12].into_iter().collect();
             rx.set_receiver_type(if rx_by_msp {
                 RECEIVER_TYPE_MSP
             } else {
@@ -97,6 +134,11 @@ impl Settings {
         }
         let (delay_ds, landing_time, throttle_us, procedure) = rules.failsafe;
         Self {
+            serial_rate_hz: config.serial_rate_hz,
+            override_mask: match delivery {
+                Delivery::Factory => 0,
+                Delivery::ReadyToFly | Delivery::BesideRadio => config.override_mask,
+            },
             name: LongText::new("kestrel-sim"),
             features: receiver_feature | ANTI_GRAVITY,
             mode_ranges,
@@ -109,7 +151,7 @@ impl Settings {
                 switch_mode: 0,
                 throttle_low_delay_ds: 100,
                 procedure,
-                rest: ArrayVec::new(),
+                rest: core::iter::repeat_n(0, rules.rest[1]).collect(),
             },
         }
     }

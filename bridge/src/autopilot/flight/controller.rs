@@ -19,12 +19,6 @@ const RC_GAP: Duration = Duration::from_millis(120);
 /// From question to answer at 100 messages a second with two waiting, and longer than that a busy controller does not take.
 const USUAL_ROUND_TRIP: Duration = Duration::from_millis(20);
 const LONGEST_ROUND_TRIP: Duration = Duration::from_millis(80);
-/// A controller is judged slow after being watched for this long.
-const SLOW_AFTER: Duration = Duration::from_secs(5);
-/// Share of the wanted messages below which it is slow.
-const SLOW_BELOW: f64 = 0.85;
-/// A scheduler that shows a cycle time of 0 for this long does not run.
-const STALLED_AFTER: Duration = Duration::from_secs(3);
 
 /// When the controller took the sample of a reply: just before it went onto the wire, unless it lay in the kernel while we were held
 /// up; then soon after it was asked for.
@@ -47,12 +41,7 @@ pub(super) struct Link {
     pub(super) listening_since: Timestamp,
     /// Four letters of a firmware that is watched only.
     pub(super) unknown_firmware: Option<[u8; 4]>,
-    /// Cycle time 0 since.
-    stalled_since: Option<Timestamp>,
     pub(super) is_stalled: bool,
-    /// Time, replies and RC frames at the start of the window in which its rate is judged.
-    window: Option<(Timestamp, u64, u64)>,
-    is_slow_told: bool,
     rc_sent_at: Option<Timestamp>,
 }
 
@@ -72,7 +61,23 @@ impl Flight {
                     self.reply(received, sampled_at(sent_us, received), &reply);
                 }
                 Said::Lost { noise_bytes, .. } => self.lose_controller(noise_bytes > 0),
-                Said::Recovered { .. }
+                Said::Slow {
+                    service_rate_hz,
+                    cli_line,
+                    ..
+                } => self.emit(Output::Event(Event::Notice(Notice::FcSlow {
+                    service_hz: service_rate_hz.round() as u16,
+                    has_cli_line: cli_line.is_some(),
+                }))),
+                Said::Restarted => {
+                    self.emit(Output::Event(Event::Notice(Notice::FcRestarted)));
+                }
+                Said::Stalled => {
+                    self.link.is_stalled = true;
+                    self.emit(Output::Event(Event::Notice(Notice::FcStalled)));
+                }
+                Said::Changed(_)
+                | Said::Recovered { .. }
                 | Said::Refused { .. }
                 | Said::Unanswered { .. }
                 | Said::Malformed(_) => {}
@@ -157,8 +162,9 @@ impl Flight {
             }
             Reply::Analog(a) => {
                 self.fc.rssi = Some(convert.rssi(a.rssi));
-                if let Some(battery) = convert.battery_of_analog(sampled, a) {
-                    self.snapshot.battery = Some(battery);
+                // A message of its own that tells the cells says more.
+                if self.snapshot.battery.is_none_or(|b| b.cells == 0) {
+                    self.snapshot.battery = Some(convert.battery_of_analog(sampled, a));
                 }
             }
             Reply::InavAnalog(a) => {
@@ -196,26 +202,15 @@ impl Flight {
         if let Reply::StatusEx(s) = reply {
             self.fc.load_percent = f64::from(s.load_pct);
         }
-        self.watch_cycle_time(received, cycle_time_us(reply) == Some(0));
+        if cycle_time_us(reply) != Some(0) {
+            self.link.is_stalled = false;
+        }
         match self.handover.observe(switch_is_on) {
             Some(Change::TakenOver) => self.pilot_took_over(received),
             Some(Change::Offered) => {
                 self.emit(Output::Event(Event::Notice(Notice::PilotOffers)));
             }
             None => {}
-        }
-    }
-
-    fn watch_cycle_time(&mut self, now: Timestamp, is_zero: bool) {
-        if !is_zero {
-            self.link.stalled_since = None;
-            self.link.is_stalled = false;
-            return;
-        }
-        let since = *self.link.stalled_since.get_or_insert(now);
-        if now.since(since) >= STALLED_AFTER && !self.link.is_stalled {
-            self.link.is_stalled = true;
-            self.emit(Output::Event(Event::Notice(Notice::FcStalled)));
         }
     }
 
@@ -298,33 +293,5 @@ impl Flight {
             Some(since) if is_neutral && !has_gap => Some(since),
             _ => is_neutral.then_some(now),
         };
-    }
-
-    /// Tells once a connection when the controller serves too little, with the line that would help.
-    pub(super) fn watch_rate(&mut self, now: Timestamp) {
-        let statistics = self.client.statistics();
-        let (replies, rc_sent) = (statistics.replies, statistics.rc_sent);
-        if self.link.is_slow_told || !self.client.is_online() {
-            return;
-        }
-        let window = *self.link.window.get_or_insert((now, replies, rc_sent));
-        let seconds = now.since(window.0).as_secs_f64();
-        if seconds < SLOW_AFTER.as_secs_f64() {
-            return;
-        }
-        self.link.window = None;
-        let rc_hz = (rc_sent - window.2) as f64 / seconds;
-        let served_hz = (replies - window.1) as f64 / seconds;
-        let wanted_hz = self.client.demand_hz() + rc_hz;
-        // RC frames go first; what is too slow is what the controller has left for our questions.
-        if served_hz > 0.0 && served_hz - rc_hz < SLOW_BELOW * self.client.demand_hz() {
-            self.link.is_slow_told = true;
-            let has_setting = self.fc.variant == *b"BTFL";
-            self.emit(Output::Event(Event::Notice(Notice::FcSlow {
-                served_hz: served_hz as u16,
-                wanted_hz: wanted_hz as u16,
-                has_setting,
-            })));
-        }
     }
 }

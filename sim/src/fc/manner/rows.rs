@@ -17,7 +17,7 @@ const fn ms(ms: u64) -> Duration {
 // ---- Betaflight -----------------------------------------------------------------------------------------------------
 
 /// Questions that every Betaflight answers.
-const BETAFLIGHT_QUESTIONS: [u16; 25] = [
+const BETAFLIGHT_QUESTIONS: [u16; 26] = [
     c::API_VERSION,
     c::FC_VARIANT,
     c::FC_VERSION,
@@ -28,6 +28,7 @@ const BETAFLIGHT_QUESTIONS: [u16; 25] = [
     c::FEATURE_CONFIG,
     c::MIXER_CONFIG,
     c::RX_CONFIG,
+    c::SONAR_ALTITUDE,
     c::RX_MAP,
     c::FAILSAFE_CONFIG,
     c::STATUS,
@@ -44,8 +45,8 @@ const BETAFLIGHT_QUESTIONS: [u16; 25] = [
     c::STATUS_EX,
     c::UID,
 ];
-const BETAFLIGHT_NEW_QUESTIONS: [u16; 26] = {
-    let mut all = [c::ATTITUDE_QUATERNION; 26];
+const BETAFLIGHT_NEW_QUESTIONS: [u16; 27] = {
+    let mut all = [c::ATTITUDE_QUATERNION; 27];
     let mut i = 0;
     while i < BETAFLIGHT_QUESTIONS.len() {
         all[i] = BETAFLIGHT_QUESTIONS[i];
@@ -111,6 +112,7 @@ const BETAFLIGHT_RECEIVER: ReceiverRules = ReceiverRules {
     stage_two_extra: ms(0),
     min_check_us: 1050,
     failsafe: (15, 60, 1000, 1),
+    rest: [27, 0],
     chosen_by: ReceiverChoice::Feature,
 };
 const BETAFLIGHT_STICKS: StickRules = StickRules {
@@ -119,7 +121,7 @@ const BETAFLIGHT_STICKS: StickRules = StickRules {
     motors: [crate::fc::stabilizer::IDLE, 1.0],
 };
 
-const fn betaflight_bits(count: u8) -> [(u32, u32); 9] {
+const fn betaflight_bits(count: u8) -> [(u32, u32); 10] {
     [
         (cause::FAILSAFE, 1 << 1),
         (cause::RX_LOST, 1 << 2),
@@ -127,14 +129,15 @@ const fn betaflight_bits(count: u8) -> [(u32, u32); 9] {
         (cause::THROTTLE, 1 << 7),
         (cause::TILT, 1 << 8),
         (cause::SETTLING, 1 << 9),
+        (cause::CLI, 1 << 13),
         (cause::MSP, 1 << 16),
         (cause::REBOOT, 1 << 21),
         (cause::ARM_SWITCH, 1 << (count - 1)),
     ]
 }
-const BITS_26: [(u32, u32); 9] = betaflight_bits(26);
-const BITS_29: [(u32, u32); 9] = betaflight_bits(29);
-const BITS_30: [(u32, u32); 9] = betaflight_bits(30);
+const BITS_26: [(u32, u32); 10] = betaflight_bits(26);
+const BITS_29: [(u32, u32); 10] = betaflight_bits(29);
+const BITS_30: [(u32, u32); 10] = betaflight_bits(30);
 
 pub(super) const BETAFLIGHT_46: Table = Table {
     identity: Identity {
@@ -246,6 +249,7 @@ pub(super) const INAV: Table = Table {
         c::FEATURE_CONFIG,
         c::MIXER_CONFIG,
         c::RX_CONFIG,
+        c::SONAR_ALTITUDE,
         c::RX_MAP,
         c::FAILSAFE_CONFIG,
         c::STATUS,
@@ -318,6 +322,7 @@ pub(super) const INAV: Table = Table {
             (cause::NOT_DISARMED, 1 << 14),
             (cause::RX_LOST, 1 << 18),
             (cause::THROTTLE, 1 << 19),
+            (cause::CLI, 1 << 20),
         ],
         count: 32,
         armed_bit: 1 << 2,
@@ -332,6 +337,7 @@ pub(super) const INAV: Table = Table {
         stage_two_extra: ms(300),
         min_check_us: 1100,
         failsafe: (5, 200, 1000, 0),
+        rest: [12, 12],
         chosen_by: ReceiverChoice::ReceiverType,
     },
     beside_radio: Override::ByBox {
@@ -389,6 +395,7 @@ pub(super) const CLEANFLIGHT: Table = Table {
         c::FEATURE_CONFIG,
         c::MIXER_CONFIG,
         c::RX_CONFIG,
+        c::SONAR_ALTITUDE,
         c::RX_MAP,
         c::FAILSAFE_CONFIG,
         c::IDENT,
@@ -453,6 +460,7 @@ pub(super) const CLEANFLIGHT: Table = Table {
         stage_two_extra: ms(0),
         min_check_us: 1100,
         failsafe: (10, 200, 1000, 0),
+        rest: [0, 0],
         chosen_by: ReceiverChoice::Feature,
     },
     beside_radio: Override::Never,
@@ -522,6 +530,7 @@ pub(super) const MULTIWII: Table = Table {
         stage_two_extra: ms(0),
         min_check_us: 1100,
         failsafe: (10, 200, 1000, 1),
+        rest: [0, 0],
         chosen_by: ReceiverChoice::None,
     },
     // 50 rounds of its loop for each channel.
