@@ -5,7 +5,7 @@ use super::msp::reply_fields;
 use anyhow::{Context as _, Result, bail};
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::{Endpoint, EndpointError};
-use bridge::io::flight_thread::open_serial;
+use bridge::io::line::open_serial;
 use clap::Args;
 use msp::client::{Client, Config, Event, Schedule};
 use msp::{Reply, command};

@@ -6,7 +6,10 @@
 //! | [`net`] | MAVLink links on a thread of their own; bytes in, bytes out, bounded queues |
 //! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
+//! | [`line`] | that line: serial port or TCP connection, whole frames or nothing |
+//! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
 //! | [`clock`] | the only reader of the clock |
+//! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
 //! | [`record`] | the flight log: every input of `Flight` |
 //! | [`keep`] | documents on disk, written atomically |
@@ -15,7 +18,10 @@ pub mod clock;
 pub mod endpoint;
 pub mod flight_thread;
 pub mod keep;
+pub mod line;
 pub mod lockstep;
 pub mod net;
+pub mod realtime;
 pub mod record;
+pub mod timer;
 pub mod truth;
