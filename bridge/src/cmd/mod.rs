@@ -1,6 +1,8 @@
 //! Sub-commands of the program, one file each.
 
 pub(crate) mod demo;
+pub(crate) mod fc;
+pub(crate) mod firmware;
 pub(crate) mod fly;
 pub(crate) mod params;
 pub(crate) mod picture;

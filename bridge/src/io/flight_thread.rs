@@ -49,13 +49,13 @@ pub enum LineError {
 }
 
 /// An open line.
-enum Line {
+pub(super) enum Line {
     Serial(std::fs::File),
     Tcp(TcpStream),
 }
 
 impl Line {
-    fn open(endpoint: &Endpoint) -> Result<Self, LineError> {
+    pub(super) fn open(endpoint: &Endpoint) -> Result<Self, LineError> {
         let failed = |source| LineError::Open {
             endpoint: endpoint.clone(),
             source,
@@ -76,21 +76,21 @@ impl Line {
         }
     }
 
-    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+    pub(super) fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Serial(file) => file.read(into),
             Self::Tcp(stream) => stream.read(into),
         }
     }
 
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+    pub(super) fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::Serial(file) => file.write(bytes),
             Self::Tcp(stream) => stream.write(bytes),
         }
     }
 
-    fn fd(&self) -> BorrowedFd<'_> {
+    pub(super) fn fd(&self) -> BorrowedFd<'_> {
         match self {
             Self::Serial(file) => file.as_fd(),
             Self::Tcp(stream) => stream.as_fd(),

@@ -3,6 +3,7 @@
 //! The same struct flies in real time behind sockets, in virtual time inside tests, and as fast as it can in `demo`:
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
+use super::firmware::FirmwareLine;
 use super::record::Recorder;
 use super::truth::{Row, TruthFile};
 use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
@@ -65,6 +66,8 @@ pub struct Lockstep {
     truth: Option<TruthFile>,
     truth_pace: Pace,
     recorder: Option<Recorder>,
+    /// The real firmware instead of the fake controller.
+    firmware: Option<FirmwareLine>,
     ticks_seen: u64,
     /// First failure of a file being written; flying goes on.
     pub write_error: Option<io::Error>,
@@ -123,6 +126,7 @@ impl Lockstep {
             truth: None,
             truth_pace: Pace::hz(TRUTH_HZ),
             recorder: None,
+            firmware: None,
             ticks_seen: 0,
             write_error: None,
         };
@@ -138,6 +142,17 @@ impl Lockstep {
     /// Writes every input of `Flight` from now on.
     pub fn write_record(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
+    }
+
+    /// From now on this firmware flies the vehicle, whose controller must be outside
+    /// ([`sim::VehicleConfig::outside_fc`]). It runs on the wall clock, so time must pass at its pace.
+    pub fn fly_by(&mut self, firmware: FirmwareLine) {
+        self.firmware = Some(firmware);
+    }
+
+    /// The real firmware, if it flies.
+    pub const fn firmware(&mut self) -> Option<&mut FirmwareLine> {
+        self.firmware.as_mut()
     }
 
     /// Virtual time.
@@ -201,6 +216,9 @@ impl Lockstep {
                 push_inputs(inputs, output);
             }
         });
+        if let Some(firmware) = &mut self.firmware {
+            firmware.exchange(now, &mut self.simulator, &mut self.inputs);
+        }
         while let Some(input) = self.inputs.pop_front() {
             self.feed(input);
         }
@@ -235,7 +253,10 @@ impl Lockstep {
         self.flight.handle(self.now, input);
         while let Some(output) = self.flight.poll() {
             match output {
-                Output::Fc(bytes) => self.simulator.write_fc(0, &bytes),
+                Output::Fc(bytes) => match &mut self.firmware {
+                    Some(firmware) => firmware.write(&bytes),
+                    None => self.simulator.write_fc(0, &bytes),
+                },
                 Output::Answer(answer) => self.ground.answer(self.now, &answer),
                 Output::Event(event) => self.ground.event(self.now, &event),
                 Output::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),

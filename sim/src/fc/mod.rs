@@ -16,7 +16,7 @@
 
 mod answers;
 pub(crate) mod arming;
-mod estimate;
+pub(crate) mod estimate;
 mod orders;
 mod receiver;
 mod stabilizer;
