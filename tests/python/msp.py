@@ -3,6 +3,7 @@
 Nothing here is shared with Kestrel; layouts are those of the firmware's own `msp.c` and `sitl.c`.
 """
 
+import contextlib
 import socket
 import struct
 import subprocess
@@ -89,6 +90,13 @@ class Msp:
                 except TimeoutError:
                     quiet += 1
         self.socket.sendall(b"exit\r\n")
+        # It waits for its last words to be taken before it restarts.
+        end = time.monotonic() + 5.0
+        with contextlib.suppress(ConnectionError):
+            while time.monotonic() < end:
+                with contextlib.suppress(TimeoutError):
+                    if not self.socket.recv(4096):
+                        break
         return heard.decode(errors="replace")
 
 

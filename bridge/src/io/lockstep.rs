@@ -200,9 +200,12 @@ impl Lockstep {
         self.outgoing.pop_front()
     }
 
-    /// Lets virtual time pass.
+    /// Lets virtual time pass. It stops early while the real firmware does not keep up: [`now`](Self::now) tells.
     pub fn advance(&mut self, until: Timestamp) {
         while self.now < until {
+            if self.firmware.as_mut().is_some_and(|f| !f.keeps_up()) {
+                return;
+            }
             self.step();
         }
     }

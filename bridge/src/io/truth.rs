@@ -8,8 +8,7 @@ use std::path::Path;
 use vehicle::Timestamp;
 
 /// Columns of the file.
-pub const HEADER: &str =
-    "t_s,x,y,z,yaw,contact,est_x,est_y,est_z,est_yaw,localized,roll,pitch";
+pub const HEADER: &str = "t_s,x,y,z,yaw,contact,est_x,est_y,est_z,est_yaw,localized,roll,pitch";
 
 /// One row.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! A controller in memory for the tests of setting one up: it keeps what it is told.
 
 use crate::fc::conversation::{AskError, Controller, Outcome};
+use msp::command;
 use msp::message::{
     ApiVersion, BoxIds, FcVariant, FcVersion, FeatureConfig, ModeRange, ModeRanges, Motor, Reboot,
     Reply, Status, StatusEx, StatusExTail, StatusHead, StatusTail,
 };
-use msp::command;
 use std::collections::BTreeMap;
 
 /// Settings now and as saved.

@@ -1,9 +1,15 @@
 //! States out, motors in, MSP by TCP: what the lockstep carries every millisecond.
+//!
+//! The firmware answers nearly every state with motor commands. When it does not, because the machine has taken the processor
+//! from it, the world waits: a body that flew on by commands of a tenth of a second ago would tumble, and that would be the
+//! machine's doing, not the firmware's. It does not wait for one that is dead ([`PATIENCE`]).
 
+use super::super::clock::Clock;
 use super::process::{Firmware, StartError, connect_uart};
 use crate::autopilot::io::{FcBytes, Input};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sim::Simulator;
-use sim::firmware::{Dialect, MOTOR_PORT, STATE_PORT, motors, state_packet};
+use sim::firmware::{Dialect, Felt, MOTOR_PORT, STATE_PORT, motors, state_packet};
 use std::collections::VecDeque;
 use std::io::{self, Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
@@ -15,6 +21,12 @@ const LOOK_HZ: f64 = 10.0;
 /// Longest silence of motors before it counts as stuck, when states go out. About one start in twelve gets stuck: its
 /// scheduler does not run, cycle time 0, boot grace for ever.
 const STUCK: Duration = Duration::from_secs(3);
+/// States without an answer after which the world waits.
+const UNANSWERED: u32 = 4;
+/// Longest time, on the wall clock, for which it waits.
+const PATIENCE: Duration = Duration::from_millis(250);
+/// Longest sleep while it waits; then the state is sent again.
+const NAP: Duration = Duration::from_millis(2);
 
 /// A running firmware and the lines to it.
 #[derive(Debug)]
@@ -25,7 +37,13 @@ pub struct FirmwareLine {
     motors: UdpSocket,
     uart: Option<TcpStream>,
     look: Pace,
+    /// When motors came last, on the clock of the simulation and on the wall.
     heard: Timestamp,
+    heard_on_wall: Timestamp,
+    wall: Clock,
+    unanswered: u32,
+    newest: Option<[f64; 4]>,
+    felt: Option<Felt>,
     news: VecDeque<String>,
 }
 
@@ -49,6 +67,11 @@ impl FirmwareLine {
             uart: None,
             look: Pace::hz(LOOK_HZ),
             heard: Timestamp::ZERO,
+            heard_on_wall: Timestamp::ZERO,
+            wall: Clock::start(1.0),
+            unanswered: 0,
+            newest: None,
+            felt: None,
             news: VecDeque::new(),
         })
     }
@@ -60,20 +83,48 @@ impl FirmwareLine {
         simulator: &mut Simulator,
         inputs: &mut VecDeque<Input>,
     ) {
-        if let Some(commands) = self.newest_motors(now) {
+        self.hear();
+        if let Some(commands) = self.newest.take() {
             simulator.command_motors(0, commands);
+            self.heard = now;
         }
-        if let Some(felt) = simulator.felt(0) {
-            // Nobody there while it restarts: the next one is a millisecond away.
-            let _ = self.states.send(&state_packet(self.dialect, &felt));
-        }
+        self.felt = simulator.felt(0);
+        self.tell_state();
         if self.look.is_due(now) {
             self.look_after(now, simulator, inputs);
         }
         self.read_uart(inputs);
     }
 
-    fn newest_motors(&mut self, now: Timestamp) -> Option<[f64; 4]> {
+    /// Whether the world may go on. If not, it has napped already: look after the rest of the program and come again.
+    pub fn keeps_up(&mut self) -> bool {
+        self.hear();
+        let silent = self.wall.now().since(self.heard_on_wall);
+        if self.unanswered < UNANSWERED || silent > PATIENCE {
+            return true;
+        }
+        let nap = Timespec {
+            tv_sec: 0,
+            tv_nsec: i64::from(NAP.subsec_nanos()),
+        };
+        let _ = poll(&mut [PollFd::new(&self.motors, PollFlags::IN)], Some(&nap));
+        self.hear();
+        if self.unanswered >= UNANSWERED {
+            self.tell_state();
+        }
+        self.unanswered < UNANSWERED
+    }
+
+    fn tell_state(&mut self) {
+        if let Some(felt) = &self.felt {
+            // Nobody there while it restarts: the next one is a millisecond away.
+            let _ = self.states.send(&state_packet(self.dialect, felt));
+            self.unanswered = self.unanswered.saturating_add(1);
+        }
+    }
+
+    /// Takes the newest motor commands.
+    fn hear(&mut self) {
         let mut buffer = [0; 64];
         let mut newest = None;
         // Bounded: it sends at most one for each state.
@@ -85,10 +136,11 @@ impl FirmwareLine {
             }
         }
         if newest.is_some() {
-            self.heard = now;
+            self.newest = newest;
+            self.unanswered = 0;
+            self.heard_on_wall = self.wall.now();
             self.firmware.is_alive();
         }
-        newest
     }
 
     fn look_after(
