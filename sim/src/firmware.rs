@@ -184,6 +184,7 @@ pub fn rc_packet(channels_us: &[u16; 16]) -> [u8; RC_LEN] {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "fields are copied, not computed")]
 mod tests {
     use super::*;
     use proptest::prelude::*;

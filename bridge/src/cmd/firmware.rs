@@ -9,6 +9,7 @@ use bridge::fc::setup::findings::writes;
 use bridge::fc::setup::survey::identify;
 use bridge::fc::setup::{Survey, apply, findings};
 use bridge::io::bench_line::BenchLine;
+use bridge::io::clock;
 use bridge::io::endpoint::Endpoint;
 use bridge::io::firmware::{Firmware, FirmwareLine, find};
 use sim::firmware::{Dialect, UART1_PORT};
@@ -91,7 +92,7 @@ impl Controller for Bench<'_> {
         for _ in 0..ENDING.as_millis() / LOOK.as_millis() {
             match self.firmware.restart_if_ended() {
                 Ok(true) => return self.open(),
-                Ok(false) => std::thread::sleep(LOOK),
+                Ok(false) => clock::sleep(LOOK),
                 Err(e) => return Err(AskError::Line(e.to_string())),
             }
         }

@@ -1,6 +1,6 @@
 //! A controller on the bench: one question at a time over its line, waiting for each answer.
 
-use super::clock::Clock;
+use super::clock::{self, Clock};
 use super::endpoint::Endpoint;
 use super::flight_thread::{Line, LineError};
 use crate::fc::conversation::{AskError, Controller, Conversation, Outcome};
@@ -66,7 +66,7 @@ impl BenchLine {
             tv_nsec: i64::from(left.subsec_nanos()),
         };
         let Some(line) = &self.line else {
-            std::thread::sleep(left);
+            clock::sleep(left);
             return;
         };
         let _ = poll(
@@ -91,7 +91,7 @@ impl BenchLine {
                     match line.write(rest) {
                         Ok(n) => rest = &rest[n..],
                         Err(e) if e.kind() == io::ErrorKind::WouldBlock => {
-                            std::thread::sleep(Duration::from_millis(2));
+                            clock::sleep(Duration::from_millis(2));
                         }
                         Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
                         Err(e) => {

@@ -6,6 +6,7 @@ use anyhow::Result;
 use bridge::fc::conversation::{AskError, read};
 use bridge::fc::setup::survey::identify;
 use bridge::io::bench_line::BenchLine;
+use bridge::io::clock;
 use clap::Args;
 use msp::firmware::box_id;
 use msp::message::{Altitude, Analog, Attitude, Motor, Rc, Reply};
@@ -42,7 +43,7 @@ pub(super) fn run(args: &MonitorArgs) -> Result<ExitCode> {
         say(&values(&mut line, &identity)?);
         shown += 1;
         let period = Duration::from_secs_f64(1.0 / args.hz);
-        std::thread::sleep(period.saturating_sub(line.now().since(began)));
+        clock::sleep(period.saturating_sub(line.now().since(began)));
     }
     Ok(ExitCode::SUCCESS)
 }

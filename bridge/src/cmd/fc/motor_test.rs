@@ -5,6 +5,7 @@ use super::super::stop::Stop;
 use super::{FcLine, confirmed, say};
 use anyhow::{Result, bail};
 use bridge::fc::motor_test::{Bench, MotorTest, STRONGEST_PERCENT};
+use bridge::io::clock;
 use clap::Args;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -36,7 +37,7 @@ impl Bench for Terminal {
         self.stop.count() > 0
     }
     fn pause(&mut self, time: Duration) {
-        std::thread::sleep(time);
+        clock::sleep(time);
     }
     fn tell(&mut self, text: &str) {
         say(text);

@@ -2,9 +2,10 @@
 //!
 //! The firmware answers nearly every state with motor commands. When it does not, because the machine has taken the processor
 //! from it, the world waits: a body that flew on by commands of a tenth of a second ago would tumble, and that would be the
-//! machine's doing, not the firmware's. It does not wait for one that is dead ([`PATIENCE`]).
+//! machine's doing, not the firmware's. It does not wait for one that is dead (`patience`).
 
 use super::super::clock::Clock;
+use super::patience::Patience;
 use super::process::{Firmware, StartError, connect_uart};
 use crate::autopilot::io::{FcBytes, Input};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -21,10 +22,8 @@ const LOOK_HZ: f64 = 10.0;
 /// Longest silence of motors before it counts as stuck, when states go out. About one start in twelve gets stuck: its
 /// scheduler does not run, cycle time 0, boot grace for ever.
 const STUCK: Duration = Duration::from_secs(3);
-/// States without an answer after which the world waits.
-const UNANSWERED: u32 = 4;
-/// Longest time, on the wall clock, for which it waits.
-const PATIENCE: Duration = Duration::from_millis(250);
+/// Times without states or motors that are worth a line: the firmware integrates on while it hears nothing new.
+const LATE: Duration = Duration::from_millis(30);
 /// Longest sleep while it waits; then the state is sent again.
 const NAP: Duration = Duration::from_millis(2);
 
@@ -37,11 +36,10 @@ pub struct FirmwareLine {
     motors: UdpSocket,
     uart: Option<TcpStream>,
     look: Pace,
-    /// When motors came last, on the clock of the simulation and on the wall.
+    /// When motors came last, on the clock of the simulation.
     heard: Timestamp,
-    heard_on_wall: Timestamp,
     wall: Clock,
-    unanswered: u32,
+    patience: Patience,
     newest: Option<[f64; 4]>,
     felt: Option<Felt>,
     news: VecDeque<String>,
@@ -67,9 +65,8 @@ impl FirmwareLine {
             uart: None,
             look: Pace::hz(LOOK_HZ),
             heard: Timestamp::ZERO,
-            heard_on_wall: Timestamp::ZERO,
             wall: Clock::start(1.0),
-            unanswered: 0,
+            patience: Patience::default(),
             newest: None,
             felt: None,
             news: VecDeque::new(),
@@ -99,8 +96,7 @@ impl FirmwareLine {
     /// Whether the world may go on. If not, it has napped already: look after the rest of the program and come again.
     pub fn keeps_up(&mut self) -> bool {
         self.hear();
-        let silent = self.wall.now().since(self.heard_on_wall);
-        if self.unanswered < UNANSWERED || silent > PATIENCE {
+        if !self.patience.waits(self.wall.now()) {
             return true;
         }
         let nap = Timespec {
@@ -109,17 +105,19 @@ impl FirmwareLine {
         };
         let _ = poll(&mut [PollFd::new(&self.motors, PollFlags::IN)], Some(&nap));
         self.hear();
-        if self.unanswered >= UNANSWERED {
+        let waits = self.patience.waits(self.wall.now());
+        if waits {
+            // The last one may have been lost.
             self.tell_state();
         }
-        self.unanswered < UNANSWERED
+        !waits
     }
 
     fn tell_state(&mut self) {
         if let Some(felt) = &self.felt {
             // Nobody there while it restarts: the next one is a millisecond away.
             let _ = self.states.send(&state_packet(self.dialect, felt));
-            self.unanswered = self.unanswered.saturating_add(1);
+            self.patience.told(self.wall.now());
         }
     }
 
@@ -137,8 +135,7 @@ impl FirmwareLine {
         }
         if newest.is_some() {
             self.newest = newest;
-            self.unanswered = 0;
-            self.heard_on_wall = self.wall.now();
+            self.patience.heard(self.wall.now());
             self.firmware.is_alive();
         }
     }
@@ -162,6 +159,15 @@ impl FirmwareLine {
                 simulator.command_motors(0, [0.0; 4]);
                 self.tell_once(e.to_string());
             }
+        }
+        let (gap, silence) = self.patience.take_longest();
+        if gap > LATE || silence > LATE {
+            self.news.push_back(format!(
+                "the machine is busy: {} ms without a state, {} ms without motors (at {:.2} s)",
+                gap.as_millis(),
+                silence.as_millis(),
+                now.s()
+            ));
         }
         if now.since(self.heard) > STUCK {
             simulator.command_motors(0, [0.0; 4]);

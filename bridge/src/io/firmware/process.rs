@@ -11,6 +11,7 @@
 //! this program, it kills the firmware. The child has its own process group, so Ctrl-C reaches Kestrel alone, which lands
 //! first.
 
+use super::super::clock;
 use sim::firmware::{MOTOR_PORT, STATE_PORT, UART1_PORT};
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -188,7 +189,7 @@ impl Firmware {
                 self.fails = 0;
                 return Ok(());
             }
-            std::thread::sleep(LOOK);
+            clock::sleep(LOOK);
         }
         Err(StartError::Silent(self.log()))
     }
