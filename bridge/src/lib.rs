@@ -8,6 +8,7 @@
 //! | [`sensor`] | readings of range finders as scans |
 //! | [`settings`] | every parameter of every component, with where its value came from |
 //! | [`station`] | a small ground station: what `demo` and the tests fly with |
+//! | [`uquad`] | uQuad's loop: frames of its inertial unit to motor speeds |
 //! | [`io`] | the shell: threads, sockets, serial ports, clocks |
 
 pub mod autopilot;
@@ -17,3 +18,4 @@ pub mod io;
 pub mod sensor;
 pub mod settings;
 pub mod station;
+pub mod uquad;

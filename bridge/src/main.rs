@@ -31,10 +31,14 @@ enum Command {
     Fly(cmd::fly::FlyArgs),
     /// Look at a flight controller on the bench, make it fit to fly by MSP.
     Fc(cmd::fc::FcArgs),
+    /// Look into the protocol of flight controllers.
+    Msp(cmd::msp::MspArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
     Rooms(cmd::rooms::RoomsArgs),
+    /// Run an estimator on a recorded log.
+    Eval(cmd::eval::EvalArgs),
 }
 
 fn main() -> ExitCode {
@@ -47,8 +51,10 @@ fn main() -> ExitCode {
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
         Command::Fc(args) => cmd::fc::run(args),
+        Command::Msp(args) => cmd::msp::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
+        Command::Eval(args) => cmd::eval::run(args),
     };
     match result {
         Ok(code) => code,

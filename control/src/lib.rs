@@ -14,6 +14,7 @@
 //! | [`stick_curve`] | the inverse of the firmware's stick curves |
 //! | [`takeoff_land`] | spool-up until lift-off, descent, touch-down |
 //! | [`params`] | [`ControlParams`] |
+//! | [`state_feedback`] | uQuad's law, states to motor speeds: [`proportional`] gains and [`integral`] action |
 //!
 //! ```
 //! use control::{ControlParams, Controller, Phase};
@@ -36,8 +37,11 @@
 pub mod altitude;
 pub mod controller;
 pub mod heading;
+pub mod integral;
 pub mod params;
 pub mod position;
+pub mod proportional;
+pub mod state_feedback;
 pub mod stick_curve;
 pub mod takeoff_land;
 pub mod thrust;

@@ -7,6 +7,10 @@ vehicle::param_choice! {
         BetaflightActual = 0, "betaflight-actual";
         /// Deflection proportional to angle and yaw rate (INAV with expo 0).
         Linear = 1, "linear";
+        /// `x (1 - expo + expo x^2)`, cut off at the angle limit (INAV, Cleanflight, MultiWii).
+        Expo = 2, "expo";
+        /// Of the firmware that answers, as it is delivered (Betaflight: `betaflight-actual` with the values given here).
+        Auto = 3, "auto";
     }
 }
 
@@ -68,7 +72,7 @@ vehicle::params! {
         /// Speed of the last piece of a landing.
         land_crawl_mps: float "MPC_LAND_CRWL" = 0.25, "m/s", 0.1..=0.6;
         /// Shape of the firmware's stick curves.
-        curve: choice<CurveKind> "FC_STICK_CURVE" = CurveKind::BetaflightActual;
+        curve: choice<CurveKind> "FC_STICK_CURVE" = CurveKind::Auto;
         /// Angle at full stick (Betaflight `angle_limit`, INAV `max_angle_inclination`).
         angle_limit_deg: float "FC_ANGLE_LIMIT" = 60.0, "deg", 10.0..=85.0;
         /// Roll and pitch rate sensitivity at the stick's centre (Betaflight `roll_rc_rate` x 10).
@@ -79,5 +83,11 @@ vehicle::params! {
         yaw_center_dps: float "FC_YAW_CENTER" = 70.0, "deg/s", 10.0..=2000.0;
         /// Yaw rate at full stick (Betaflight `yaw_srate` x 10; INAV `yaw_rate` x 10).
         yaw_max_dps: float "FC_YAW_MAX" = 670.0, "deg/s", 20.0..=2000.0;
+        /// Curve `expo`: angle at full stick if there were no limit (MultiWii 90); 0 takes the limit.
+        angle_gain_deg: float "FC_ANGLE_GAIN" = 0.0, "deg", 0.0..=180.0;
+        /// Curve `expo`: expo of roll and pitch (INAV `rc_expo` / 100).
+        tilt_expo: float "FC_RC_EXPO" = 0.7, "1", 0.0..=0.95;
+        /// Curve `expo`: expo of yaw (INAV `rc_yaw_expo` / 100).
+        yaw_expo: float "FC_YAW_EXPO" = 0.2, "1", 0.0..=0.95;
     }
 }

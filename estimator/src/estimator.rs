@@ -9,7 +9,7 @@ use crate::kalman::aid::{self, baro, heading_increment, height};
 use crate::kalman::{Aid, Filter, Nominal, POSITION, ProcessNoise, Quality};
 use crate::mcl::beams::{Stance, level};
 use crate::mcl::particles::Particles;
-use crate::mcl::{Locator, Planar, SearchRequest, SearchResult};
+use crate::mcl::{Localizer, Planar, SearchRequest, SearchResult};
 use crate::params::EstimatorParams;
 use crate::trail::{Footprint, Trail};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -72,7 +72,7 @@ pub struct Estimator {
     anchor: MapAnchor,
     navigation: Filter,
     odometry: Filter,
-    locator: Option<Locator>,
+    locator: Option<Localizer>,
     trail: Trail,
     baro_offsets: [baro::Offset; 2],
     heading_window: Option<heading_increment::Window>,
@@ -102,7 +102,7 @@ impl Estimator {
             accel_bias: params.accel_bias_walk,
             gyro_bias: params.gyro_bias_walk,
         };
-        let locator = plan.map(|plan| Locator::new(&params, &plan, seed));
+        let locator = plan.map(|plan| Localizer::new(&params, &plan, seed));
         Self {
             params,
             anchor,
@@ -410,7 +410,7 @@ impl Estimator {
     /// The particles, for drawing; none without a plan.
     #[must_use]
     pub fn particles(&self) -> Option<&Particles> {
-        self.locator.as_ref().map(Locator::particles)
+        self.locator.as_ref().map(Localizer::particles)
     }
 
     /// A search to run outside the loop with [`search`](crate::mcl::search()), if one is wanted.

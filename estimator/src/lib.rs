@@ -14,8 +14,11 @@
 //! | Module | Holds |
 //! | --- | --- |
 //! | [`Estimator`] | the whole: inputs, both filters, localization, health |
+//! | [`attitude`] | attitude of a 9-axis sensor alone, without a flight controller or a map |
 //! | [`kalman`] | the error-state Kalman filter; one observation model per file in [`kalman::aid`] |
 //! | [`mcl`] | Monte Carlo localization, global search, when to believe them |
+//! | [`imu`] | uQuad's inertial unit: bytes to metres and radians |
+//! | [`thesis`] | uQuad's own filter, selectable, proven on its recording |
 //! | [`EstimatorParams`] | every tunable |
 //! | [`Diagnostics`] | what was seen and refused |
 //!
@@ -40,7 +43,7 @@
 //! for k in 1..=40 {
 //!     let at = Timestamp::from_ms(25 * k);
 //!     estimator.attitude(&AttitudeSample { at, roll_rad: 0.0, pitch_rad: 0.0, heading_rad: 0.3 });
-//!     estimator.imu(&ImuSample { at, accel_mps2: In::new(0.0, 0.0, -9.80665), gyro_radps: In::zero() });
+//!     estimator.imu(&ImuSample { at, accel_mps2: In::new(0.0, 0.0, -9.80665), gyro_radps: In::zero(), mag: None });
 //!     estimator.update(at);
 //! }
 //! let state = estimator.state();
@@ -53,15 +56,18 @@
 //! Joan Sola, "Quaternion kinematics for the error-state Kalman filter" (2017). Sebastian Thrun, Wolfram Burgard, Dieter
 //! Fox, "Probabilistic Robotics" (2005).
 
+pub mod attitude;
 mod diagnostics;
 mod estimator;
 mod freshness;
+pub mod imu;
 pub mod kalman;
 pub mod mcl;
 mod params;
+pub mod thesis;
 mod trail;
 
 pub use diagnostics::Diagnostics;
 pub use estimator::{Estimator, OdometryPose};
 pub use mcl::search::{SearchRequest, SearchResult, search};
-pub use params::EstimatorParams;
+pub use params::{EstimatorParams, MclVariant};

@@ -1,5 +1,15 @@
 //! Every tunable of the estimator.
 
+vehicle::param_choice! {
+    /// Which localization runs.
+    pub enum MclVariant {
+        /// The one that is flown.
+        Production = 0, "production";
+        /// The filter of the SNSI thesis, to compare with.
+        Thesis = 1, "thesis";
+    }
+}
+
 vehicle::params! {
     /// Parameters of the estimator.
     pub struct EstimatorParams {
@@ -49,6 +59,8 @@ vehicle::params! {
         ray_std_m: float "MCL_RAY_STD" = 0.06, "m", 0.01..=0.5;
         /// Deviation of a sonar return from the wall (algorithms note 2: 0.10; 0.08 is better on the recorded flights).
         cone_std_m: float "MCL_CONE_STD" = 0.08, "m", 0.01..=0.5;
+        /// Deviation of a laser return from the wall, plan errors included.
+        laser_std_m: float "MCL_LASER_STD" = 0.05, "m", 0.005..=0.5;
         /// Share of readings that mean nothing (algorithms note 2: 0.05; 0.03 is better on the recorded flights).
         random_share: float "MCL_RANDOM" = 0.03, "1", 0.001..=0.5;
         /// Position noise per metre of odometry (algorithms note 2: 0.08; recorded flow odometry is worse: 0.12).
@@ -57,5 +69,7 @@ vehicle::params! {
         good_fit: float "MCL_FIT_GOOD" = 0.7, "1", 0.3..=1.0;
         /// Below this share the place is doubted (recorded flights with other drones about: never below 0.8; a kidnapped vehicle: below 0.6 at once).
         bad_fit: float "MCL_FIT_BAD" = 0.6, "1", 0.1..=0.9;
+        /// Which localization runs: production, or the SNSI thesis to compare with (taken at start).
+        mcl_variant: choice<MclVariant> "MCL_VARIANT" = MclVariant::Production;
     }
 }

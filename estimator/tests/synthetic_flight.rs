@@ -437,8 +437,8 @@ proptest! {
             now = Timestamp::from_us(now.us() + dt_us);
             let v = In::new(a, b, c);
             match kind {
-                0 => e.imu(&ImuSample { at: now, accel_mps2: v, gyro_radps: In::zero() }),
-                1 => e.imu(&ImuSample { at: now, accel_mps2: In::new(0.0, 0.0, -9.8), gyro_radps: v }),
+                0 => e.imu(&ImuSample { at: now, accel_mps2: v, gyro_radps: In::zero(), mag: None }),
+                1 => e.imu(&ImuSample { at: now, accel_mps2: In::new(0.0, 0.0, -9.8), gyro_radps: v, mag: None }),
                 2 => e.attitude(&AttitudeSample { at: now, roll_rad: a, pitch_rad: b, heading_rad: c }),
                 3 => e.baro(&BaroSample { at: now, altitude_m: a, climb_mps: b }),
                 4 => e.down_range(&DownRange { at: now, distance_m: Some(a) }),

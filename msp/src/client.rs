@@ -14,6 +14,13 @@
 //!                     (Lost, then Recovered) ------+         600 ms of silence, REBOOT
 //! ```
 //!
+//! **Slots.** A controller that runs its serial task 100 times a second has 100 slots a second. The client
+//! measures that rate and fills it: RC first and at once, then what is due by age and priority, and with
+//! the slots nobody asked for the fast polls, in a batch where the firmware knows batches. It answers the
+//! arrival of a reply with the next request, keeps the fewest requests outstanding that still leave no
+//! slot empty (one on an ordinary line: RC then waits for one request at most), and says when the
+//! controller is slow and which line of its command line makes it faster ([`Event::Slow`]).
+//!
 //! The loop around it (`now_us` is any monotonic microsecond count):
 //!
 //! ```
@@ -35,6 +42,7 @@
 //! ```
 
 mod answer;
+mod depth;
 mod identify;
 mod link;
 mod schedule;
@@ -85,6 +93,13 @@ pub struct Config {
     pub stall_us: u64,
     /// Longest reply payload.
     pub max_payload: usize,
+    /// How often a fast poll may be repeated with slots nobody asked for, per second; 0 = never more
+    /// often than its interval says. A bound for lines without a speed of their own (a local socket
+    /// manages tens of thousands).
+    pub fill_hz: u32,
+    /// How often the lists that change with the configuration (boxes, receiver map) are read again;
+    /// 0 = never.
+    pub refresh_us: u64,
     /// What is asked how often; `None` = [`default_schedule`].
     pub schedule: Option<Schedule>,
 }
@@ -103,6 +118,8 @@ impl Default for Config {
             blocking_us: 5_000_000,
             stall_us: 50_000,
             max_payload: 1024,
+            fill_hz: 2_000,
+            refresh_us: 10_000_000,
             schedule: None,
         }
     }
@@ -111,6 +128,8 @@ impl Default for Config {
 /// What happened on the link. `Display` is for a pilot.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
+    /// Boxes or receiver map are not what they were: the configuration was changed meanwhile.
+    Changed(Identity),
     /// The controller has told who it is: after connect, after a loss and after a restart.
     Identified(Identity),
     /// The controller does not answer. It goes on being asked; RC set meanwhile still goes out, at
@@ -129,6 +148,9 @@ pub enum Event {
         /// How long it was silent, in microseconds.
         silent_us: u64,
     },
+    /// The controller has started anew without having been silent for long; it is being identified
+    /// again.
+    Restarted,
     /// The controller said no: unknown command, bad argument, not now. A scheduled request that is
     /// refused is not repeated.
     Refused {
@@ -144,6 +166,18 @@ pub enum Event {
         /// When the reply was complete.
         received_us: u64,
     },
+    /// The controller serves fewer requests than flight wants. Told once per identification.
+    Slow {
+        /// Requests per second it serves.
+        service_rate_hz: f64,
+        /// Requests per second wanted, RC among them.
+        wanted_hz: f64,
+        /// The line of its command line that makes it faster, if the firmware has one.
+        cli_line: Option<&'static str>,
+    },
+    /// The control loop of the controller has stood still for 3 s (cycle time 0) although it answers:
+    /// it will never arm. Only a restart helps.
+    Stalled,
     /// A one-off request was given up.
     Unanswered {
         /// Command number.
@@ -155,7 +189,28 @@ impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ms = |us: &u64| us / 1000;
         match self {
+            Self::Changed(_) => f.write_str("flight controller: its configuration was changed"),
             Self::Identified(identity) => write!(f, "flight controller: {identity}"),
+            Self::Restarted => f.write_str("flight controller has started anew"),
+            Self::Slow {
+                service_rate_hz,
+                cli_line: Some(line),
+                ..
+            } => write!(
+                f,
+                "flight controller serves only {service_rate_hz:.0} requests/s; its CLI: {line}"
+            ),
+            Self::Slow {
+                service_rate_hz,
+                wanted_hz,
+                cli_line: None,
+            } => write!(
+                f,
+                "flight controller serves only {service_rate_hz:.0} requests/s of {wanted_hz:.0}: raise the baud rate"
+            ),
+            Self::Stalled => f.write_str(
+                "flight controller's control loop stands still (cycle time 0): restart it",
+            ),
             Self::Lost {
                 silent_us,
                 noise_bytes: 0,
@@ -312,7 +367,10 @@ impl Client {
     /// The next frame to write, if it is time for one.
     pub fn poll_transmit(&mut self, now_us: u64) -> Option<&[u8]> {
         self.tick(now_us);
-        let choice = self.link.choose(now_us)?;
+        let Some(choice) = self.link.choose(now_us) else {
+            self.link.rest();
+            return None;
+        };
         self.output.clear();
         let encoded = self.link.send(now_us, choice, &mut self.output);
         debug_assert!(encoded.is_ok(), "{encoded:?}");
@@ -350,9 +408,9 @@ impl Client {
         &self.link.statistics
     }
 
-    /// Requests per second the schedule asks for, without RC. When this and the RC rate together
-    /// exceed [`Statistics::service_rate_hz`], every rate falls in proportion; Betaflight serves
-    /// more after the CLI line `set serial_update_rate_hz = 1000`.
+    /// Requests per second the schedule asks for, without RC and without what fills spare slots. When
+    /// this and the RC rate together exceed [`Statistics::service_rate_hz`], every rate falls in
+    /// proportion, and [`Event::Slow`] says so.
     #[must_use]
     pub fn demand_hz(&self) -> f64 {
         self.link.turns.demand_hz(self.link.batches())

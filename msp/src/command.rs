@@ -49,6 +49,8 @@ commands! {
     SET_RX_CONFIG = 45, "MSP_SET_RX_CONFIG";
     /// Height above ground by the controller's own rangefinder.
     SONAR_ALTITUDE = 58, "MSP_SONAR_ALTITUDE";
+    /// Arming limits.
+    ARMING_CONFIG = 61, "MSP_ARMING_CONFIG";
     /// Order of the sticks in `SET_RAW_RC`.
     RX_MAP = 64, "MSP_RX_MAP";
     /// Sets the order of the sticks.
@@ -59,6 +61,8 @@ commands! {
     FAILSAFE_CONFIG = 75, "MSP_FAILSAFE_CONFIG";
     /// Sets what the controller does when RC stops.
     SET_FAILSAFE_CONFIG = 76, "MSP_SET_FAILSAFE_CONFIG";
+    /// Sensor hardware chosen.
+    SENSOR_CONFIG = 96, "MSP_SENSOR_CONFIG";
     /// Blocks or allows arming from this link.
     SET_ARMING_DISABLED = 99, "MSP_SET_ARMING_DISABLED";
     /// Identity of MultiWii and old Cleanflight.
@@ -67,12 +71,16 @@ commands! {
     STATUS = 101, "MSP_STATUS";
     /// Accelerometer, gyro and magnetometer in sensor counts.
     RAW_IMU = 102, "MSP_RAW_IMU";
+    /// Servo outputs.
+    SERVO = 103, "MSP_SERVO";
     /// Motor outputs.
     MOTOR = 104, "MSP_MOTOR";
     /// RC channels as the controller sees them.
     RC = 105, "MSP_RC";
     /// GPS position.
     RAW_GPS = 106, "MSP_RAW_GPS";
+    /// Way home by GPS.
+    COMP_GPS = 107, "MSP_COMP_GPS";
     /// Attitude by the controller's estimator.
     ATTITUDE = 108, "MSP_ATTITUDE";
     /// Altitude and climb rate by the controller's estimator.
@@ -83,6 +91,8 @@ commands! {
     BOXNAMES = 116, "MSP_BOXNAMES";
     /// Permanent ids of the mode boxes.
     BOXIDS = 119, "MSP_BOXIDS";
+    /// Navigation of INAV.
+    NAV_STATUS = 121, "MSP_NAV_STATUS";
     /// Battery by the controller.
     BATTERY_STATE = 130, "MSP_BATTERY_STATE";
     /// Throttle limits.
@@ -103,16 +113,44 @@ commands! {
     SET_MOTOR = 214, "MSP_SET_MOTOR";
     /// Several questions in one frame.
     MULTIPLE_MSP = 230, "MSP_MULTIPLE_MSP";
+    /// Trim of the level.
+    ACC_TRIM = 240, "MSP_ACC_TRIM";
+    /// Sets the clock.
+    SET_RTC = 246, "MSP_SET_RTC";
+    /// The clock.
+    RTC = 247, "MSP_RTC";
     /// Saves the configuration.
     EEPROM_WRITE = 250, "MSP_EEPROM_WRITE";
+    /// Values for developers of the firmware.
+    DEBUG = 254, "MSP_DEBUG";
+    /// Mixer rows of the motors (INAV).
+    COMMON_MOTOR_MIXER = 0x1005, "MSP2_COMMON_MOTOR_MIXER";
     /// Rangefinder sample from us.
     SENSOR_RANGEFINDER = 0x1F01, "MSP2_SENSOR_RANGEFINDER";
     /// Optical flow sample from us.
     SENSOR_OPTIC_FLOW = 0x1F02, "MSP2_SENSOR_OPTIC_FLOW";
+    /// GPS solution from us.
+    SENSOR_GPS = 0x1F03, "MSP2_SENSOR_GPS";
+    /// Magnetometer sample from us.
+    SENSOR_COMPASS = 0x1F04, "MSP2_SENSOR_COMPASS";
+    /// Barometer sample from us.
+    SENSOR_BARO = 0x1F05, "MSP2_SENSOR_BAROMETER";
     /// Status of INAV, with 64 mode flags.
     INAV_STATUS = 0x2000, "MSP2_INAV_STATUS";
     /// Optical flow as INAV sees it.
     INAV_OPTICAL_FLOW = 0x2001, "MSP2_INAV_OPTICAL_FLOW";
     /// Battery and power as INAV sees them.
     INAV_ANALOG = 0x2002, "MSP2_INAV_ANALOG";
+    /// Air speed as INAV sees it.
+    INAV_AIR_SPEED = 0x2009, "MSP2_INAV_AIR_SPEED";
+    /// Sensors from a simulator (INAV).
+    SIMULATOR = 0x201F, "MSP_SIMULATOR";
+    /// Texts by type: craft name, pilot name (Betaflight).
+    GET_TEXT = 0x3006, "MSP2_GET_TEXT";
+    /// Reads a setting by name (Betaflight from 2026).
+    GET_SETTING = 0x3010, "MSP2_GET_SETTING";
+    /// Writes a setting by name (Betaflight from 2026).
+    SET_SETTING = 0x3011, "MSP2_SET_SETTING";
+    /// One line of the text console over MSP (Betaflight from 2026).
+    CLI_COMMAND = 0x3012, "MSP2_CLI_COMMAND";
 }

@@ -84,6 +84,16 @@ impl Firmware {
         matches!(self, Self::Betaflight) && (api.major, api.minor) >= (1, 43)
     }
 
+    /// The line of the firmware's command line (then `save`) that lets it serve more requests a second.
+    /// INAV and MultiWii have none.
+    #[must_use]
+    pub const fn faster_cli_line(self) -> Option<&'static str> {
+        match self {
+            Self::Betaflight => Some("set serial_update_rate_hz = 1000"),
+            Self::Cleanflight | Self::Inav | Self::MultiWii | Self::Other(_) => None,
+        }
+    }
+
     /// Order of SET_RAW_RC when the controller has not told its own.
     #[must_use]
     pub fn default_rx_map(self) -> RxMap {
@@ -187,6 +197,22 @@ impl Identity {
             _ => (0, 0),
         };
         arming_blockers(self.firmware, count, flags)
+    }
+
+    /// Whether a status reply says that the controller has just started: boot grace of Betaflight,
+    /// sensor calibration of INAV (both bit 9).
+    #[must_use]
+    pub fn is_starting(&self, status: &Reply) -> bool {
+        const STARTING: u32 = 1 << 9;
+        let flags = match status {
+            Reply::Status(Status {
+                tail: Some(tail), ..
+            }) => tail.arming_disable,
+            Reply::StatusEx(status) => status.betaflight().map_or(0, |tail| tail.arming_disable),
+            Reply::InavStatus(status) => status.arming_flags,
+            _ => 0,
+        };
+        flags & STARTING != 0
     }
 
     /// The command that carries mode flags and arming blockers in full: INAV_STATUS, STATUS_EX, or

@@ -7,6 +7,7 @@
 //! | [`frame`] | delimiters, lengths, checksums: push [`Decoder`] and [`encode`] for v1, v1 jumbo, v2 and v2 over v1 |
 //! | [`command`] | command numbers and their names |
 //! | [`message`] | one typed struct per payload, in **wire units** (`_ddeg`, `_cm`, `_dv`...): [`Message::parse`] and [`Message::emit`] |
+//! | [`pattern`] | payloads by a pattern like `"3h"`, without a struct |
 //! | [`firmware`] | who answers, and what differs: scales, channel order, mode boxes, arming blockers |
 //! | [`client`] | the asking side: identification, poll schedule, RC output, time-outs, link health |
 //! | [`server`] | the answering side, for simulators and tests |
@@ -46,12 +47,13 @@ pub mod command;
 pub mod firmware;
 pub mod frame;
 pub mod message;
+pub mod pattern;
 pub mod server;
 mod wire;
 
 pub use client::Client;
 pub use firmware::{Firmware, Identity};
 pub use frame::{Accept, Decoder, Direction, Frame, Framing, encode};
-pub use message::{Message, Reply};
+pub use message::{Message, Order, Reply};
 pub use server::Server;
 pub use wire::{LongText, ParseError, ShortText};

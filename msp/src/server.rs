@@ -138,6 +138,12 @@ impl Server {
         self.output.clear();
     }
 
+    /// Whether the line stopped inside a frame. A `#` outside of one opens the command line of real firmware.
+    #[must_use]
+    pub fn has_partial(&self) -> bool {
+        self.decoder.has_partial()
+    }
+
     /// Requests that wait.
     #[must_use]
     pub fn pending(&self) -> usize {

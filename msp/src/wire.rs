@@ -148,6 +148,24 @@ impl<T: Wire, const N: usize> Wire for ArrayVec<T, N> {
     }
 }
 
+/// Bytes that are characters, for programs that print them.
+pub(crate) fn characters<S: serde::Serializer>(
+    bytes: impl AsRef<[u8]>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&String::from_utf8_lossy(bytes.as_ref()))
+}
+
+/// Bytes that are one long number, for programs that print them.
+pub(crate) fn hexadecimal<S: serde::Serializer>(
+    bytes: &Option<[u8; 32]>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    let digits = |bytes: &[u8; 32]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    let text: Option<String> = bytes.as_ref().map(digits);
+    serde::Serialize::serialize(&text, serializer)
+}
+
 /// Characters without a length of their own: they fill the rest of the payload (at most 512, the
 /// output buffer of the firmwares).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -173,6 +191,12 @@ macro_rules! texts {
                     Ok(text) => text,
                     Err(error) => std::str::from_utf8(&self.0[..error.valid_up_to()]).unwrap_or(""),
                 }
+            }
+        }
+
+        impl serde::Serialize for $text {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_str(&String::from_utf8_lossy(&self.0))
             }
         }
 

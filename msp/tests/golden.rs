@@ -8,8 +8,8 @@
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 use msp::frame::{Accept, Decoder, Direction, Framing, Resync};
-use msp::message::Reply;
-use msp::{Message, Server, command};
+use msp::message::{FcVariant, Order, Reply};
+use msp::{Firmware, Message, Server, command};
 use serde_json::Value;
 use std::path::PathBuf;
 
@@ -34,6 +34,14 @@ fn bytes(hex: &Value) -> Vec<u8> {
     (0..hex.len())
         .step_by(2)
         .map(|at| u8::from_str_radix(&hex[at..at + 2], 16).unwrap())
+        .collect()
+}
+
+fn hex(bytes: impl AsRef<[u8]>) -> String {
+    bytes
+        .as_ref()
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
         .collect()
 }
 
@@ -106,7 +114,7 @@ fn recorded_replies_carry_the_recorded_values_and_emit_the_same_payload() {
     }
     eprintln!("{compared} values compared, {same} payloads the same to the last byte");
     assert!(
-        compared > 500 && same > 140,
+        compared > 550 && same > 140,
         "{compared} values, {same} payloads"
     );
 }
@@ -136,6 +144,10 @@ fn compare(reply: &Reply, decoded: &Value, record: &Value) -> usize {
             (
                 "extra_mode_flag_bytes".into(),
                 tail.more_mode_flags.len().into(),
+            ),
+            (
+                "extra_mode_flags_hex".into(),
+                hex(&tail.more_mode_flags).into(),
             ),
             (
                 "arming_disable_flag_count".into(),
@@ -184,12 +196,15 @@ fn compare(reply: &Reply, decoded: &Value, record: &Value) -> usize {
                 ("board".into(), text(&m.board)),
                 ("target".into(), short(&m.target)),
                 ("board_name".into(), short(&m.board_name)),
+                ("manufacturer".into(), short(&m.manufacturer)),
+                ("signature".into(), m.signature.map(hex).into()),
             ]);
             values
         }
         Reply::BuildInfo(m) => vec![
             ("date".into(), text(&m.date)),
             ("time".into(), text(&m.time)),
+            ("revision".into(), text(&m.revision)),
         ],
         Reply::Name(m) => vec![("name".into(), m.name.as_str().into())],
         Reply::Uid(m) => vec![
@@ -292,14 +307,163 @@ fn compare(reply: &Reply, decoded: &Value, record: &Value) -> usize {
         Reply::Rc(m) => vec![("channels".into(), list(&m.channels_us))],
         Reply::BoxNames(m) => vec![("names".into(), m.names().collect::<Vec<_>>().into())],
         Reply::BoxIds(m) => vec![("permanent_ids".into(), m.ids.to_vec().into())],
-        Reply::Ident(_) | Reply::Reboot(_) | Reply::Ack { .. } | Reply::Other(_) => Vec::new(),
+        Reply::CompGps(m) => {
+            fields![m; "distance_home_m" = distance_home_m, "direction_home_deg" = direction_home_deg, "update" = update]
+        }
+        Reply::NavStatus(m) => {
+            fields![m; "mode" = mode, "state" = state, "active_wp_action" = active_wp_action, "active_wp_number" = active_wp_number,
+            "error" = error, "heading_hold_target" = heading_hold_target_deg]
+        }
+        Reply::SensorConfig(m) => vec![("hardware".into(), m.hardware.to_vec().into())],
+        Reply::Servo(m) => vec![("servos".into(), list(&m.servos_us))],
+        Reply::Debug(m) => vec![("debug".into(), m.debug.to_vec().into())],
+        Reply::InavAirSpeed(m) => fields![m; "airspeed_cms" = airspeed_cms],
+        Reply::Ack { .. } => vec![("payload_hex".into(), "".into())],
+        Reply::Ident(_) | Reply::Reboot(_) | Reply::SimulatorReply(_) => {
+            panic!("not in the corpus: {record}")
+        }
+        Reply::Other(_) => panic!("a reply without a struct: {record}"),
     };
+    // What the recorder wrote beside the values.
+    let notes = [
+        "acc_unit",
+        "gyro_unit",
+        "active_permanent_ids",
+        "extra_trailing_bytes",
+    ];
+    for key in decoded.as_object().unwrap().keys() {
+        let is_read = values.iter().any(|(name, _)| name == key);
+        assert!(
+            is_read || notes.contains(&key.as_str()),
+            "{key} is not compared in {record}"
+        );
+    }
     let mut compared = 0;
     for (key, value) in values.iter().filter(|(key, _)| !decoded[key].is_null()) {
         assert_eq!(value, &decoded[key], "{key} in {record}");
         compared += 1;
     }
     compared
+}
+
+#[test]
+fn recorded_requests_are_typed_and_emit_the_same_payload() {
+    let Some(records) = corpus("frames.jsonl") else {
+        return;
+    };
+    let mut checked = 0;
+    for record in records.iter().filter(|record| record["dir"] == "request") {
+        let wire = bytes(&record["hex"]);
+        let mut decoder = Decoder::new(Accept::Requests);
+        let frame = decoder.decode(&mut wire.as_slice()).unwrap();
+        assert_eq!(
+            hex(frame.payload),
+            record["decoded"]["payload_hex"],
+            "{record}"
+        );
+        // Some were recorded because they are wrong: the firmware refused those as well.
+        let Ok(order) = Order::parse(frame.command, frame.payload) else {
+            let is_short =
+                frame.command == command::SET_MOTOR || frame.command == command::SET_MODE_RANGE;
+            assert!(is_short, "{record}");
+            continue;
+        };
+        assert_eq!(order.command(), frame.command, "{record}");
+        let mut again = Vec::new();
+        order.emit(&mut again);
+        assert_eq!(hex(&again), record["decoded"]["payload_hex"], "{record}");
+        checked += 1;
+    }
+    assert!(checked > 130, "only {checked} requests in the corpus");
+}
+
+#[test]
+fn recorded_mode_flags_mean_the_boxes_the_recorder_saw() {
+    let Some(records) = corpus("frames.jsonl") else {
+        return;
+    };
+    let replies = || {
+        records
+            .iter()
+            .filter(|record| record["dir"] == "response" && record["decoded"]["error"].is_null())
+    };
+    let parse = |record: &Value| {
+        let wire = bytes(&record["hex"]);
+        let mut decoder = Decoder::new(Accept::Replies);
+        let frame = decoder.decode(&mut wire.as_slice()).unwrap();
+        Reply::parse(frame.command, frame.payload).unwrap()
+    };
+    let mut checked = 0;
+    for record in replies().filter(|record| record["decoded"]["active_permanent_ids"].is_array()) {
+        let is_box_list = |other: &&Value| {
+            other["cmd"] == command::BOXIDS && other["version"] == record["version"]
+        };
+        let Some(Reply::BoxIds(list)) = replies().find(is_box_list).map(parse) else {
+            continue;
+        };
+        let status = parse(record);
+        let is_on = |index: usize| match &status {
+            Reply::Status(status) => status.mode_flag(index),
+            Reply::StatusEx(status) => status.mode_flag(index),
+            Reply::InavStatus(status) => status.mode_flag(index),
+            _ => panic!("no status: {record}"),
+        };
+        let on: Vec<u8> = list
+            .ids
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| is_on(*index))
+            .map(|(_, id)| *id)
+            .collect();
+        assert_eq!(
+            Value::from(on),
+            record["decoded"]["active_permanent_ids"],
+            "{record}"
+        );
+        checked += 1;
+    }
+    assert!(checked > 15, "only {checked} states in the corpus");
+}
+
+#[test]
+fn recorded_units_are_those_of_the_firmware_table() {
+    let Some(records) = corpus("frames.jsonl") else {
+        return;
+    };
+    let mut checked = 0;
+    for record in records
+        .iter()
+        .filter(|record| record["decoded"]["gyro_unit"].is_string())
+    {
+        let letters: [u8; 4] = record["firmware"]
+            .as_str()
+            .unwrap()
+            .as_bytes()
+            .try_into()
+            .unwrap();
+        let firmware = Firmware::from(FcVariant { variant: letters });
+        let expected = if firmware == Firmware::Inav {
+            "deg/s".to_owned()
+        } else {
+            format!("1/{} deg/s", firmware.gyro_counts_per_dps())
+        };
+        assert!(
+            record["decoded"]["gyro_unit"]
+                .as_str()
+                .unwrap()
+                .starts_with(&expected),
+            "{record}"
+        );
+        if let Some(counts) = firmware.acc_counts_per_g() {
+            assert_eq!(
+                record["decoded"]["acc_unit"],
+                format!("1/{counts} g"),
+                "{record}"
+            );
+        }
+        checked += 1;
+    }
+    assert!(checked > 10, "only {checked} IMU samples in the corpus");
 }
 
 #[test]
@@ -406,8 +570,12 @@ fn names_of_commands_are_those_of_the_corpus() {
     };
     for record in records.iter().filter(|record| record["dir"] != "stream") {
         let name = command::name(u16::try_from(record["cmd"].as_u64().unwrap()).unwrap());
-        if name != "MSP command" {
-            assert_eq!(record["name"], name, "{record}");
+        let recorded = record["name"].as_str().unwrap();
+        if recorded.starts_with("unknown") {
+            assert_eq!(name, "MSP command", "{record}");
+        } else {
+            // The recorder added which text was asked to MSP2_GET_TEXT.
+            assert!(recorded.starts_with(name), "{name}: {record}");
         }
     }
 }

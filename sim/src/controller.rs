@@ -1,11 +1,13 @@
 //! What drives the motors of a vehicle: the fake flight controller, or a program outside that is told what its sensors feel.
 
+use crate::config::VehicleConfig;
 use crate::fc::estimate::Estimate;
 use crate::fc::uart::Burst;
-use crate::fc::{FcConfig, FlightController};
+use crate::fc::{FlightController, Radio};
 use crate::firmware::Felt;
 use crate::quad::Quad;
-use crate::sensor::{BARO_STEP_S, Baro, Imu};
+use crate::sensor::{BARO_STEP_S, Baro, Imu, MagneticField};
+use std::sync::Arc;
 use vehicle::{Pace, Rot, Timestamp};
 
 /// One vehicle's flight controller.
@@ -67,16 +69,16 @@ impl Outside {
 
 impl Controller {
     pub(crate) fn new(
-        config: FcConfig,
-        is_outside: bool,
+        config: &VehicleConfig,
         seed: u64,
         vehicle: usize,
         quad: &Quad,
+        field: &Arc<MagneticField>,
     ) -> Self {
-        if is_outside {
+        if config.outside_fc {
             Self::Outside(Outside::new(seed, vehicle, quad))
         } else {
-            Self::Fake(FlightController::new(config, seed, vehicle, quad))
+            Self::Fake(FlightController::new(config.fc, seed, vehicle, quad, field))
         }
     }
 
@@ -122,6 +124,21 @@ impl Controller {
         match self {
             Self::Fake(fc) => fc.carried(yaw_rad),
             Self::Outside(outside) => outside.estimate.carried(yaw_rad),
+        }
+    }
+
+    /// The pilot's transmitter; that of a controller outside is no part of this simulation.
+    pub(crate) const fn set_radio(&mut self, radio: Option<Radio>) {
+        if let Self::Fake(fc) = self {
+            fc.set_radio(radio);
+        }
+    }
+
+    /// What the loops fly, us; zeros for a controller outside, which does not tell.
+    pub(crate) const fn used_sticks_us(&self) -> [u16; 4] {
+        match self {
+            Self::Fake(fc) => fc.used_sticks_us(),
+            Self::Outside(_) => [0; 4],
         }
     }
 

@@ -4,11 +4,14 @@ use crate::config::VehicleConfig;
 use crate::controller::Controller;
 use crate::quad::Quad;
 use crate::quad::contact::Contact;
-use crate::sensor::{DOWN_LATENCY, DownRanger, FLOW_LATENCY, FlowCamera, Ranger, View};
+use crate::sensor::{
+    DOWN_LATENCY, DownRanger, FLOW_LATENCY, FlowCamera, MagneticField, Ranger, View,
+};
 use crate::simulator::{Fault, SimOutput};
 use crate::world::World;
 use core::time::Duration;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use vehicle::{Airframe, In, MapAnchor, MapPose, Timestamp};
 
 /// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
@@ -43,6 +46,7 @@ impl Craft {
         seed: u64,
         index: usize,
         anchor: &MapAnchor,
+        field: &Arc<MagneticField>,
     ) -> Self {
         let at = anchor.to_ned(In::new(config.start.x_m, config.start.y_m, 0.0));
         let yaw_rad = anchor.yaw_to_ned(config.start.yaw_rad);
@@ -50,7 +54,7 @@ impl Craft {
         let quad = Quad::new(airframe, at, yaw_rad, charge, turbulence_n, seed, index);
         let rangers = (0u8..).zip(&config.ring.rangers);
         Self {
-            fc: Controller::new(config.fc, config.outside_fc, seed, index, &quad),
+            fc: Controller::new(config, seed, index, &quad, field),
             contact: Contact::new(&quad),
             rangers: rangers
                 .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))

@@ -15,6 +15,7 @@
 //! | [`fc`] | the fake flight controller: MSP server, arming, failsafe, angle mode |
 //! | [`firmware`] | packets of Betaflight's simulator build, for the real firmware in place of the fake one |
 //! | [`sensor`] | one file per sensor, each with the table of faults it follows |
+//! | [`imu_board`] | firmware of uQuad's inertial unit and a bench with simulated chips |
 //! | `craft`, `controller`, `noise` | one vehicle put together; what drives its motors; seeded streams, one per purpose |
 //!
 //! Positions are NED about the plan's home, whatever the start; plan coordinates are metres as drawn.
@@ -28,6 +29,7 @@ mod craft;
 pub mod fc;
 pub mod firmware;
 mod geometry;
+pub mod imu_board;
 mod noise;
 mod quad;
 pub mod room;
@@ -38,7 +40,7 @@ mod walls;
 mod world;
 
 pub use config::{INDOOR_TURBULENCE_N, SimConfig, SimError, VehicleConfig};
-pub use fc::{FcConfig, Firmware};
+pub use fc::{Delivery, FcConfig, Manner, Radio};
 pub use room::{Door, DoorFacts, Place, Room, RoomError, RoomFacts};
 pub use simulator::{Fault, STEP, SimOutput, Simulator, Truth};
 pub use walker::{PERSON_HEIGHT_M, PERSON_RADIUS_M, Then, Walker};

@@ -2,9 +2,11 @@
 
 use crate::config::{SimConfig, SimError, check};
 use crate::craft::{Craft, Shared};
+use crate::fc::Radio;
 use crate::fc::uart::BURST;
 use crate::firmware::Felt;
 use crate::room::{Room, RoomFacts};
+use crate::sensor::MagneticField;
 use crate::world::World;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -124,6 +126,7 @@ impl Simulator {
     pub fn new(config: SimConfig) -> Result<Self, SimError> {
         check(&config)?;
         let anchor = config.room.anchor();
+        let field = MagneticField::new(config.room.segments(), &anchor, config.seed);
         let crafts: Vec<Craft> = config
             .vehicles
             .iter()
@@ -137,6 +140,7 @@ impl Simulator {
                     config.seed,
                     i,
                     &anchor,
+                    &field,
                 )
             })
             .collect();
@@ -230,6 +234,24 @@ impl Simulator {
     pub fn carry_to(&mut self, vehicle: usize, pose: MapPose) {
         self.crafts[vehicle].carry_to(pose, &self.anchor);
         self.place_vehicles();
+    }
+
+    /// What the pilot's transmitter sends to a vehicle from now on; none = switched off or out of reach.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn set_radio(&mut self, vehicle: usize, radio: Option<Radio>) {
+        self.crafts[vehicle].fc.set_radio(radio);
+    }
+
+    /// Roll, pitch (nose **down**), yaw, throttle as they reach the flight controller's loops, us: whoever sent them. For
+    /// judging who flies.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn used_sticks_us(&self, vehicle: usize) -> [u16; 4] {
+        self.crafts[vehicle].fc.used_sticks_us()
     }
 
     /// Swaps the battery for one with this charge, 0..=1.

@@ -177,6 +177,72 @@ fn the_barometer_lags_and_reads_low_near_the_floor() {
     assert!((-0.3..-0.02).contains(&mean));
 }
 
+/// Where the field of a level reading points in the body, clockwise from forward, rad.
+fn course(imu: &RawImu) -> f64 {
+    // Forward, left, up: the field to the right is minus y.
+    (-f64::from(imu.mag[1])).atan2(f64::from(imu.mag[0]))
+}
+
+#[test]
+fn the_magnetometer_is_noisy_biased_and_pulled_by_steel() {
+    let (mut pulls, mut norms) = (Vec::new(), Vec::new());
+    let facts = sim::Room::named("office").unwrap().facts();
+    for seed in 1..=6 {
+        for place in &facts.rooms {
+            let mut config = office("tof32", seed);
+            let [x, y] = place.map_m;
+            config.vehicles[0].start = MapPose::new(x, y, 0.7);
+            let mut p = Pilot::new(config);
+            p.fly(100, |_| {});
+            let imu: RawImu = p.ask();
+            let heading = p.sim.truth(0).attitude.yaw();
+            // The course against magnetic north 3 degrees east of north.
+            let pull = vehicle::angle::wrap_pi(course(&imu) - (3f64.to_radians() - heading));
+            pulls.push(pull.to_degrees());
+            let squares: f64 = imu.mag.iter().map(|c| f64::from(*c) * f64::from(*c)).sum();
+            norms.push(squares.sqrt() / sim::sensor::MAG_COUNTS_PER_GAUSS);
+        }
+    }
+    let rms = (pulls.iter().map(|d| d * d).sum::<f64>() / pulls.len() as f64).sqrt();
+    row(
+        "magnetic heading pulled on the floor, rms",
+        rms,
+        30.0,
+        "deg",
+    );
+    assert!((10.0..60.0).contains(&rms), "{rms}");
+    let (mean, spread) = mean_sigma(&norms);
+    row("magnetic field, mean of places", mean, 0.47, "G");
+    row("magnetic field, spread between places", spread, 0.06, "G");
+    assert!((0.40..0.56).contains(&mean) && (0.03..0.2).contains(&spread));
+
+    let mut p = Pilot::new(office("tof32", 17));
+    p.fly(1000, |_| {});
+    let rest: Vec<f64> = (0..300)
+        .map(|_| f64::from(p.ask::<RawImu>().mag[0]) / sim::sensor::MAG_COUNTS_PER_GAUSS)
+        .collect();
+    let (_, noise) = mean_sigma(&rest);
+    row("magnetometer noise at rest", noise, 0.002, "G");
+    assert!((0.0015..0.0026).contains(&noise));
+}
+
+#[test]
+fn without_a_magnetometer_its_counts_are_zero_and_nothing_else_changes() {
+    let read = |mag: bool| {
+        let mut config = office("tof32", 5);
+        config.vehicles[0].fc.mag = mag;
+        let mut p = Pilot::new(config);
+        p.fly(500, |_| {});
+        let status: msp::message::Status = p.ask();
+        (p.ask::<RawImu>(), status.head.sensors)
+    };
+    let ((with, sensors_with), (without, sensors_without)) = (read(true), read(false));
+    assert_eq!((with.acc, with.gyro), (without.acc, without.gyro));
+    assert_ne!(with.mag, [0; 3]);
+    assert_eq!(without.mag, [0; 3]);
+    assert_eq!(sensors_with & !sensors_without, 1 << 2);
+}
+
 /// A wall 2 m ahead, seen at a growing angle.
 #[test]
 fn sonars_lose_a_wall_that_is_turned_away() {

@@ -49,7 +49,7 @@ fn recorded_attitudes_come_out_with_the_signs_of_the_pose_that_was_fed() {
         return;
     };
     let text = std::fs::read_to_string(path).unwrap();
-    let (mut attitudes, mut imus) = (0, 0);
+    let (mut attitudes, mut imus, mut mags) = (0, 0, 0);
     for line in text.lines() {
         let frame: serde_json::Value = serde_json::from_str(line).unwrap();
         let (cmd, note) = (
@@ -128,10 +128,30 @@ fn recorded_attitudes_come_out_with_the_signs_of_the_pose_that_was_fed() {
                     "{note}: rates {rates:?}"
                 );
             }
+            // The simulator of the newest firmware makes a field of 4096 counts, 60 degrees below the horizon to the north.
+            if let Some(mag) = s.mag {
+                let level =
+                    vehicle::Rot::<vehicle::Frd, vehicle::Ned>::from_roll_pitch_yaw(r, p, 0.0)
+                        * mag;
+                assert!((level.norm() - 4096.0).abs() < 10.0, "{note}: {mag:?}");
+                assert!((level.z() - 3547.0).abs() < 60.0, "{note}: down {level:?}");
+                let heading_deg = if note.contains("heading 270") {
+                    270.0
+                } else {
+                    0.0
+                };
+                let course = level.y().atan2(level.x());
+                let off = vehicle::angle::wrap_pi(course + f64::to_radians(heading_deg));
+                assert!(off.to_degrees().abs() < 8.0, "{note}: {course} off {off}");
+                mags += 1;
+            }
             imus += 1;
         }
     }
-    println!("{attitudes} attitudes, {imus} inertial samples");
+    println!(
+        "{attitudes} attitudes, {imus} inertial samples, {mags} of them with a magnetic field"
+    );
+    assert!(mags >= 3, "{mags} magnetic fields");
     assert!(
         attitudes >= 5 && imus >= 5,
         "{attitudes} attitudes, {imus} inertial samples"

@@ -24,7 +24,7 @@ use bridge::settings::{Origin, Settings};
 use bridge::station::{GroundStation, Reply};
 use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::raw;
-use sim::{Room, SimConfig, Truth, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Radio, Room, SimConfig, Truth, VehicleConfig, Walker};
 use std::time::Duration;
 use vehicle::{MapPose, Pace, RingConfig, Timestamp};
 
@@ -61,6 +61,8 @@ pub struct Scenario {
     people: Vec<Walker>,
     flow: bool,
     charge: f64,
+    manner: Manner,
+    delivery: Delivery,
     params: Vec<(String, String)>,
 }
 
@@ -83,6 +85,8 @@ impl Scenario {
             people: Vec::new(),
             flow: true,
             charge: 1.0,
+            manner: Manner::default(),
+            delivery: Delivery::default(),
             params: Vec::new(),
         }
     }
@@ -136,6 +140,20 @@ impl Scenario {
         self
     }
 
+    /// Firmware that the fake flight controller pretends to be.
+    #[must_use]
+    pub fn manner(mut self, manner: Manner) -> Self {
+        self.manner = manner;
+        self
+    }
+
+    /// Settings of the flight controller at the start: beside a radio, as delivered ...
+    #[must_use]
+    pub fn delivery(mut self, delivery: Delivery) -> Self {
+        self.delivery = delivery;
+        self
+    }
+
     /// A parameter of the vehicle.
     #[must_use]
     pub fn param(mut self, name: &str, value: &str) -> Self {
@@ -152,8 +170,8 @@ impl Scenario {
             ""
         };
         format!(
-            "kestrel sim {} --seed {} --rangers {}{start}",
-            self.room, self.seed, self.ring
+            "kestrel sim {} --seed {} --rangers {} --manner {}{start}",
+            self.room, self.seed, self.ring, self.manner
         )
     }
 
@@ -177,11 +195,13 @@ impl Scenario {
                 .set_text(name, value, Origin::CommandLine)
                 .expect("a known parameter");
         }
-        let vehicle = VehicleConfig {
+        let mut vehicle = VehicleConfig {
             flow: self.flow,
             charge: self.charge,
             ..VehicleConfig::new(pose, ring.clone())
         };
+        vehicle.fc.manner = self.manner;
+        vehicle.fc.delivery = self.delivery;
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.people.clone(),
@@ -228,6 +248,11 @@ impl Flight {
     #[must_use]
     pub fn truth(&self) -> Truth {
         self.world.simulator.truth(0)
+    }
+
+    /// The pilot's transmitter from now on; none = off.
+    pub fn radio(&mut self, radio: Option<Radio>) {
+        self.world.simulator.set_radio(0, radio);
     }
 
     /// What the vehicle believes and does.

@@ -22,9 +22,9 @@ import time
 from pathlib import Path
 
 import msp
-from kestrel_harness import FLIGHTS, Kestrel, Skipped, binary, out_folder, run
+from kestrel_harness import Kestrel, Skipped, binary, out_folder, run
 from rooms import Room
-from station import Station, mav, return_item, takeoff_item, waypoint
+from station import mav, return_item, takeoff_item, waypoint
 from truth import rms, wrap
 
 HERE = Path(__file__).resolve().parent
@@ -141,6 +141,25 @@ def attitude_figures(kestrel):
     return ", ".join(texts)
 
 
+BUSY_MS = 50
+
+
+def undisturbed(make, points, tries=3):
+    """Flies and judges. A bad flight in which the machine took the processor away for long, which no real controller knows,
+    proves nothing either way: it is flown again, and told."""
+    told = []
+    for left in reversed(range(tries)):
+        try:
+            with make() as kestrel:
+                fly_mission(kestrel, points)
+            return kestrel, "; ".join([*told, judge(kestrel, points)])
+        except AssertionError as failure:
+            stalls = [max(int(a), int(b)) for a, b in re.findall(r"busy: (\d+) ms without a state, (\d+) ms", kestrel.log())]
+            if left == 0 or max(stalls, default=0) < BUSY_MS:
+                raise
+            told.append(f"flown again: the machine stood still for {max(stalls)} ms and then: {str(failure).splitlines()[0]}")
+
+
 def way_points():
     room = Room.export("office")
     return [(*room.place(name), -HEIGHT_M) for name in PLACES]
@@ -153,9 +172,8 @@ def test_mission():
     figures = []
     for seed in range(1, wanted + 1):
         with the_firmware() as program:
-            with Firmware(program, seed=seed) as kestrel:
-                fly_mission(kestrel, points)
-            figures.append(f"seed {seed}: {judge(kestrel, points)}")
+            kestrel, text = undisturbed(lambda: Firmware(program, seed=seed), points)
+            figures.append(f"seed {seed}: {text}")
             assert "restarting" in kestrel.log(), "the fresh firmware was not provisioned"
     return f"{len(figures)} of {wanted} good; " + "; ".join(figures)
 
@@ -164,6 +182,16 @@ def fc(*arguments, timeout=90):
     done = run("fc", *arguments, timeout=timeout)
     assert "panicked" not in done.stderr, done.stderr
     return done
+
+
+def bench(firmware):
+    """`kestrel fc` on a firmware that runs."""
+
+    def call(*arguments):
+        firmware.make_sure_it_runs()
+        return fc(*arguments)
+
+    return call
 
 
 def changed(before, after):
@@ -178,7 +206,8 @@ def test_provision():
     folder = Path(tempfile.mkdtemp(prefix="provision-", dir=out_folder()))
     saved, eeprom = folder / "old.json", folder / "eeprom.bin"
     with the_firmware() as program:
-        with msp.Firmware(program, folder):
+        with msp.Firmware(program, folder) as firmware:
+            fc = bench(firmware)
             with msp.Msp() as line:
                 line.ask(msp.EEPROM_WRITE)  # an empty eeprom has the defaults in it from now on
             before = msp.settings(eeprom)
@@ -201,11 +230,11 @@ def test_provision():
             check = fc("check", "--fc", FC)
             assert check.returncode == 0 and "fit to fly" in check.stdout, check
 
-        with Firmware(program, extra=["--fc-dir", str(folder), "--no-provision"], name="provisioned") as kestrel:
-            fly_mission(kestrel, points)
-        flight = judge(kestrel, points)
+        options = ["--fc-dir", str(folder), "--no-provision"]
+        _, flight = undisturbed(lambda: Firmware(program, extra=options, name="provisioned"), points)
 
         with msp.Firmware(program, folder) as firmware:
+            fc = bench(firmware)
             armed_is_refused(firmware, saved)
             restored = fc("restore", saved, "--fc", FC, "--yes")
             assert restored.returncode == 0 and "set as saved" in restored.stdout, restored
@@ -218,6 +247,7 @@ def test_provision():
 
 def armed_is_refused(firmware, saved):
     """Armed by the simulator's own receiver, neither provision nor restore writes anything."""
+    firmware.make_sure_it_runs()
     with msp.Msp() as line:
         # Something to provision: ANGLE away, not saved.
         line.ask(msp.SET_MODE_RANGE, bytes([1, 0, 0, 0, 0]))
@@ -285,8 +315,8 @@ class Motors:
 def test_motor_test_and_monitor():
     """One motor at a time, standing still afterwards, also after Ctrl-C; without --props-off nothing turns."""
     folder = Path(tempfile.mkdtemp(prefix="motors-", dir=out_folder()))
-    with the_firmware() as program, msp.Firmware(program, folder), Motors() as motors:
-        time.sleep(1.5)
+    with the_firmware() as program, msp.Firmware(program, folder) as firmware, Motors() as motors:
+        firmware.make_sure_it_runs()
         refused = fc("motor-test", "--fc", FC)
         assert refused.returncode == 2 and "--props-off" in refused.stderr, refused
         assert motors.turning() == [] and motors.seen, "motors turned, or no packet came"

@@ -18,6 +18,9 @@ pub struct ImuSample {
     pub accel_mps2: In<Frd>,
     /// Angular rate, rad/s.
     pub gyro_radps: In<Frd>,
+    /// Magnetic field in counts of the sensor, whose scale the flight controller does not tell: direction and changes of
+    /// the norm mean something, the norm does not. None without a magnetometer. Indoors steel bends it by tens of degrees.
+    pub mag: Option<In<Frd>>,
 }
 
 /// Attitude as the flight controller's own filter has it.

@@ -501,6 +501,17 @@ pub enum Notice {
     Landed,
     /// The flight controller disarmed by itself.
     FcDisarmed,
+    /// The flight controller has started anew.
+    FcRestarted,
+    /// The flight controller serves fewer requests than flight wants.
+    FcSlow {
+        /// Requests per second it serves.
+        service_hz: u16,
+        /// Whether one line of Betaflight's command line makes it faster.
+        has_cli_line: bool,
+    },
+    /// The control loop of the flight controller stands still.
+    FcStalled,
 }
 
 impl Notice {
@@ -512,6 +523,9 @@ impl Notice {
             Self::LocalizationLost | Self::SearchFailed | Self::BatteryLow { .. } => {
                 Severity::Error
             }
+            Self::FcStalled => Severity::Error,
+            Self::FcRestarted => Severity::Warning,
+            Self::FcSlow { .. } => Severity::Notice,
             Self::Refused(_) | Self::ItemRefused { .. } | Self::WayBlocked => Severity::Warning,
             _ => Severity::Info,
         }
@@ -549,6 +563,18 @@ impl fmt::Display for Notice {
             Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
             Self::Landed => write!(f, "Landed"),
             Self::FcDisarmed => write!(f, "Flight controller disarmed by itself"),
+            Self::FcRestarted => write!(f, "Flight controller restarted"),
+            Self::FcSlow {
+                service_hz,
+                has_cli_line: true,
+            } => write!(
+                f,
+                "FC serves {service_hz}/s; CLI: set serial_update_rate_hz = 1000"
+            ),
+            Self::FcSlow { service_hz, .. } => {
+                write!(f, "FC serves {service_hz}/s: raise the baud rate")
+            }
+            Self::FcStalled => write!(f, "FC control loop stands still: restart it"),
         }
     }
 }

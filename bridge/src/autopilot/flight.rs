@@ -18,15 +18,15 @@ use super::mode::{Because, Mode};
 use super::modes::{Air, Cockpit};
 use super::supervisor::{Facts, Supervisor, Verdict};
 use crate::fc::convert::{Convert, REPLY_WIRE_TIME, four_letters};
-use crate::fc::{poll, rc_out};
+use crate::fc::{poll, rc_out, stock_curves};
 use crate::sensor::ring::{Measured, Ring};
 use crate::settings::{Origin, Settings};
 use arrayvec::ArrayVec;
-use control::{ControlOutput, Controller, Phase};
+use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
 use estimator::Estimator;
 use msp::client::Client;
-use msp::firmware::box_id;
+use msp::firmware::{Firmware, box_id};
 use msp::message::Reply;
 use planner::mission::Mission;
 use planner::navigator::Navigator;
@@ -378,6 +378,8 @@ impl Flight {
             match said {
                 Said::Identified(identity) => {
                     self.convert = Some(Convert::new(identity.firmware));
+                    let params = control_params(&self.settings, Some(identity.firmware));
+                    self.controller.set_params(params);
                     let version = [
                         identity.version.major,
                         identity.version.minor,
@@ -403,7 +405,20 @@ impl Flight {
                     self.fc.is_connected = false;
                     self.snapshot.imu = None;
                 }
-                Said::Recovered { .. }
+                Said::Slow {
+                    service_rate_hz,
+                    cli_line,
+                    ..
+                } => self.emit(Output::Event(Event::Notice(Notice::FcSlow {
+                    service_hz: service_rate_hz.round() as u16,
+                    has_cli_line: cli_line.is_some(),
+                }))),
+                Said::Restarted => {
+                    self.emit(Output::Event(Event::Notice(Notice::FcRestarted)));
+                }
+                Said::Stalled => self.emit(Output::Event(Event::Notice(Notice::FcStalled))),
+                Said::Changed(_)
+                | Said::Recovered { .. }
                 | Said::Refused { .. }
                 | Said::Unanswered { .. }
                 | Said::Malformed(_) => {}
@@ -436,7 +451,17 @@ impl Flight {
                 self.snapshot.baro = Some(sample);
             }
             Reply::BatteryState(b) => self.snapshot.battery = Some(convert.battery(sampled, b)),
-            Reply::Analog(a) => self.fc.rssi = Some(convert.rssi(a)),
+            Reply::Analog(a) => {
+                self.fc.rssi = Some(convert.rssi(a.rssi));
+                // A message of its own that tells the cells says more.
+                if self.snapshot.battery.is_none_or(|b| b.cells == 0) {
+                    self.snapshot.battery = Some(convert.battery_of_analog(sampled, a));
+                }
+            }
+            Reply::InavAnalog(a) => {
+                self.fc.rssi = Some(convert.rssi(a.rssi));
+                self.snapshot.battery = Some(convert.battery_of_inav(sampled, a));
+            }
             Reply::Status(_) | Reply::StatusEx(_) | Reply::InavStatus(_) => {
                 self.status(received, reply)
             }
@@ -687,7 +712,9 @@ impl Flight {
     }
 
     fn apply_settings(&mut self) {
-        self.controller.set_params(self.settings.control.clone());
+        let firmware = self.client.identity().map(|identity| identity.firmware);
+        self.controller
+            .set_params(control_params(&self.settings, firmware));
         self.navigator
             .set_params(self.settings.planner.clone(), self.settings.vfh.clone());
         self.arbiter
@@ -761,6 +788,15 @@ impl Flight {
         s.home = self.home;
         s.home_yaw_rad = self.home_yaw_rad;
     }
+}
+
+/// Tuning, with the stick curves of the firmware where they are left to it.
+fn control_params(settings: &Settings, firmware: Option<Firmware>) -> ControlParams {
+    let mut params = settings.control.clone();
+    if let Some(firmware) = firmware {
+        stock_curves::apply(firmware, &mut params);
+    }
+    params
 }
 
 /// A known start is known this well, m.

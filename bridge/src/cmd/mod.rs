@@ -1,9 +1,11 @@
 //! Sub-commands of the program, one file each.
 
 pub(crate) mod demo;
+pub(crate) mod eval;
 pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;
+pub(crate) mod msp;
 pub(crate) mod params;
 pub(crate) mod picture;
 pub(crate) mod rooms;

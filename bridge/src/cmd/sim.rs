@@ -15,7 +15,7 @@ use bridge::io::record::Recorder;
 use bridge::io::truth::TruthFile;
 use bridge::settings::{Origin, Settings};
 use clap::{Args, ValueEnum};
-use sim::{Room, SimConfig, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -29,7 +29,7 @@ const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
 )]
 pub(crate) struct SimArgs {
     /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
@@ -48,6 +48,13 @@ pub(crate) struct SimArgs {
     /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
     #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
     pub(crate) rangers: String,
+    /// Firmware that the simulated flight controller pretends to be: bf-old, bf-4.6, bf-new, inav, cleanflight, multiwii.
+    #[arg(long, value_name = "NAME", default_value_t = Manner::default())]
+    pub(crate) manner: Manner,
+    /// Settings of the flight controller at the start: ready-to-fly (RC by MSP, switches set), beside-radio (a pilot's
+    /// receiver, override box on Aux4), factory (as delivered, for `kestrel fc provision`).
+    #[arg(long, value_name = "STATE", default_value_t = Delivery::default())]
+    pub(crate) fc_settings: Delivery,
     /// Optical flow sensor.
     #[arg(long, default_value = "on")]
     pub(crate) flow: Switch,
@@ -110,6 +117,8 @@ impl Default for SimArgs {
             speed: None,
             start: None,
             rangers: "tof32".to_owned(),
+            manner: Manner::default(),
+            fc_settings: Delivery::default(),
             flow: Switch::On,
             firmware: FirmwareArg::BuiltIn,
             fc_binary: None,
@@ -295,12 +304,14 @@ impl SimArgs {
         if !(1.0..=100.0).contains(&self.battery) {
             return Err(Usage(format!("--battery {} is outside 1..=100", self.battery)).into());
         }
-        let vehicle = VehicleConfig {
+        let mut vehicle = VehicleConfig {
             flow: self.flow == Switch::On,
             charge: self.battery / 100.0,
             outside_fc: self.firmware != FirmwareArg::BuiltIn,
             ..VehicleConfig::new(pose, self.ring()?)
         };
+        vehicle.fc.manner = self.manner;
+        vehicle.fc.delivery = self.fc_settings;
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.person.iter().map(|p| p.0.clone()).collect(),

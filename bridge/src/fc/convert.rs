@@ -5,14 +5,15 @@
 //! | ATTITUDE roll 0.1 deg right +, pitch 0.1 deg nose DOWN +, yaw whole deg clockwise | rad, pitch nose up + |
 //! | RAW_IMU acc counts, forward left up | m/s2, forward right down: (x, -y, -z) |
 //! | RAW_IMU gyro counts, x roll right, y nose down, z counter-clockwise | rad/s: (x, -y, -z) |
+//! | RAW_IMU mag counts, forward left up; all zero without a magnetometer | counts, (x, -y, -z); none |
 //! | ALTITUDE cm, cm/s | m, m/s, up + |
-//! | ANALOG, BATTERY_STATE 0.1 or 0.01 V, 0.01 A | V, A |
+//! | ANALOG, BATTERY_STATE, INAV_ANALOG 0.1 or 0.01 V, 0.01 A | V, A |
 //!
 //! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
 
 use core::time::Duration;
 use msp::firmware::Firmware;
-use msp::message::{Altitude, Analog, Attitude, BatteryState, RawImu};
+use msp::message::{Altitude, Analog, Attitude, BatteryState, InavAnalog, RawImu};
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::angle::wrap_pi;
 use vehicle::{AttitudeSample, BaroSample, BatterySample, ImuSample, In, Timestamp};
@@ -73,6 +74,7 @@ impl Convert {
     pub fn imu(&mut self, at: Timestamp, raw: &RawImu, at_rest: bool) -> Option<ImuSample> {
         let [ax, ay, az] = raw.acc.map(f64::from);
         let [gx, gy, gz] = raw.gyro.map(f64::from);
+        let [mx, my, mz] = raw.mag.map(f64::from);
         if self.acc_mps2_per_count.is_none() && at_rest {
             self.learn_scale(libm::sqrt(ax * ax + ay * ay + az * az));
         }
@@ -82,6 +84,7 @@ impl Convert {
             at,
             accel_mps2: In::new(ax, -ay, -az) * acc,
             gyro_radps: In::new(gx, -gy, -gz) * gyro,
+            mag: (raw.mag != [0; 3]).then(|| In::new(mx, -my, -mz)),
         })
     }
 
@@ -135,10 +138,38 @@ impl Convert {
         }
     }
 
-    /// Received signal strength, 0..=254.
+    /// Battery from the message of controllers that have none of its own: cells and capacity are not told.
     #[must_use]
-    pub fn rssi(&self, a: &Analog) -> u8 {
-        (u32::from(a.rssi).min(1023) * 254 / 1023) as u8
+    pub fn battery_of_analog(&self, at: Timestamp, a: &Analog) -> BatterySample {
+        BatterySample {
+            at,
+            voltage_v: a
+                .vbat_cv
+                .map_or(f64::from(a.vbat_dv) * 0.1, |cv| f64::from(cv) * 0.01),
+            current_a: f64::from(a.current_ca) * 0.01,
+            used_mah: f64::from(a.drawn_mah),
+            cells: 0,
+            remaining: None,
+        }
+    }
+
+    /// Battery of INAV, which judges itself what is left.
+    #[must_use]
+    pub fn battery_of_inav(&self, at: Timestamp, a: &InavAnalog) -> BatterySample {
+        BatterySample {
+            at,
+            voltage_v: f64::from(a.vbat_cv) * 0.01,
+            current_a: f64::from(a.current_ca) * 0.01,
+            used_mah: f64::from(a.drawn_mah),
+            cells: a.cells(),
+            remaining: (a.cells() > 0).then(|| (f64::from(a.percentage) * 0.01).min(1.0)),
+        }
+    }
+
+    /// Received signal strength, 0..=254, of the controller's 0..=1023.
+    #[must_use]
+    pub fn rssi(&self, of_1023: u16) -> u8 {
+        (u32::from(of_1023).min(1023) * 254 / 1023) as u8
     }
 }
 

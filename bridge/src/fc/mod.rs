@@ -7,3 +7,4 @@ pub mod motor_test;
 pub mod poll;
 pub mod rc_out;
 pub mod setup;
+pub mod stock_curves;

@@ -9,11 +9,13 @@
 //! | [`nominal`] | the nominal state and its boxplus |
 //! | `predict` | propagation with inertial samples |
 //! | `update` | scalar measurement updates, covariance kept symmetric and positive |
+//! | `covariance` | sparse, symmetric arithmetic of the covariance |
 //! | [`gate`] | innovation gates that widen after a second of rejection |
 //! | [`aid`] | one observation model per file |
 //! | `ground` | the floor under the vehicle: steps are tables, not jumps |
 
 pub mod aid;
+mod covariance;
 pub mod gate;
 mod ground;
 pub mod nominal;
@@ -211,24 +213,9 @@ impl Filter {
         let yaw_part = down_in_body * down_in_body.transpose() * (std_yaw * std_yaw);
         let mut block = self.covariance.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE);
         block += yaw_part;
-        self.symmetrise();
+        covariance::symmetrise(&mut self.covariance);
         for aid in [Aid::PoseLong, Aid::PoseCross, Aid::PoseYaw] {
             self.gates[aid as usize].reset();
-        }
-    }
-
-    fn symmetrise(&mut self) {
-        let p = &mut self.covariance;
-        for i in 0..STATES {
-            for j in 0..i {
-                let mean = 0.5 * (p[(i, j)] + p[(j, i)]);
-                p[(i, j)] = mean;
-                p[(j, i)] = mean;
-            }
-            // A variance below rounding would make the next gain blow up.
-            if p[(i, i)] < 1e-12 {
-                p[(i, i)] = 1e-12;
-            }
         }
     }
 }

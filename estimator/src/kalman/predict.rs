@@ -3,8 +3,9 @@
 //! Samples come at about 40 Hz over MSP, so the angle turned within one interval (0.05 rad in a fast yaw) is not small
 //! against the noise: the specific force is turned with the attitude in the middle of the interval.
 
+use super::covariance::{self, Transition};
 use super::{ACCEL_BIAS, ATTITUDE, Covariance, Filter, GYRO_BIAS, POSITION, STATES, VELOCITY};
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use vehicle::ImuSample;
 use vehicle::airframe::GRAVITY_MPS2;
 
@@ -88,28 +89,15 @@ impl Filter {
         x.attitude *= UnitQuaternion::from_scaled_axis(turn);
         x.attitude.renormalize_fast();
 
-        let r = middle.to_rotation_matrix().into_inner();
-        let r_force = r * force.cross_matrix();
-        let mut phi = Covariance::identity();
-        let mut set = |row: usize, column: usize, block: Matrix3<f64>| {
-            phi.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+        let rotation = middle.to_rotation_matrix().into_inner();
+        let back = UnitQuaternion::from_scaled_axis(-turn);
+        let transition = Transition {
+            dt,
+            rotation,
+            force: rotation * force.cross_matrix(),
+            turn: back.to_rotation_matrix().into_inner(),
         };
-        let half = 0.5 * dt * dt;
-        set(POSITION, VELOCITY, Matrix3::identity() * dt);
-        set(POSITION, ATTITUDE, r_force * -half);
-        set(POSITION, ACCEL_BIAS, r * -half);
-        set(VELOCITY, ATTITUDE, r_force * -dt);
-        set(VELOCITY, ACCEL_BIAS, r * -dt);
-        set(VELOCITY, GYRO_BIAS, r_force * half);
-        set(
-            ATTITUDE,
-            ATTITUDE,
-            UnitQuaternion::from_scaled_axis(-turn)
-                .to_rotation_matrix()
-                .into_inner(),
-        );
-        set(ATTITUDE, GYRO_BIAS, Matrix3::identity() * -dt);
-        self.covariance = phi * self.covariance * phi.transpose();
+        covariance::propagate(&mut self.covariance, &transition);
 
         let n = self.noise;
         // A knock between two samples may have lasted for all of the interval or for none of it.
@@ -125,7 +113,6 @@ impl Filter {
             self.covariance[(POSITION + i, VELOCITY + i)] += cross;
             self.covariance[(VELOCITY + i, POSITION + i)] += cross;
         }
-        self.symmetrise();
     }
 
     /// Without inertial samples: constant velocity and attitude, with honest growth of doubt.
@@ -145,7 +132,7 @@ impl Filter {
             let turn = (GAP_RATE_RADPS * dt).min(1.0);
             self.add_noise(ATTITUDE + i, turn * turn);
         }
-        self.symmetrise();
+        covariance::symmetrise(&mut self.covariance);
     }
 
     fn add_noise(&mut self, i: usize, variance: f64) {

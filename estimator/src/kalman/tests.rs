@@ -76,6 +76,7 @@ proptest! {
                 at,
                 accel_mps2: In::new(measured, 0.5, -9.8),
                 gyro_radps: In::new(0.1, measured, 0.5),
+                mag: None,
             });
             let q = Quality::white(std);
             let s = *filter.state();
@@ -110,6 +111,7 @@ proptest! {
             at: Timestamp::from_ms(25),
             accel_mps2: In::new(v[0], v[1], v[2]),
             gyro_radps: In::new(v[3], v[4], v[5]),
+            mag: None,
         });
         prop_assert!(!used);
         if !bad.is_finite() {
@@ -141,6 +143,7 @@ fn at_rest(ms: u64) -> ImuSample {
         at: Timestamp::from_ms(ms),
         accel_mps2: In::new(0.0, 0.0, -GRAVITY_MPS2),
         gyro_radps: In::zero(),
+        mag: None,
     }
 }
 
@@ -166,6 +169,7 @@ fn a_steady_turn_at_forty_hertz_is_integrated_without_loss() {
         at: Timestamp::from_us(us),
         accel_mps2: In::new(0.0, 4.0, -GRAVITY_MPS2),
         gyro_radps: In::new(0.0, 0.0, 2.0),
+        mag: None,
     };
     for k in 0..126 {
         us += 20_000 + (k * 7919) % 10_000;

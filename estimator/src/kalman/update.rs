@@ -5,7 +5,7 @@
 //! symmetric by construction.
 
 use super::gate::Verdict;
-use super::{ATTITUDE, Aid, Filter, Observation, STATES};
+use super::{ATTITUDE, Aid, Filter, Observation, covariance};
 use nalgebra::Matrix3;
 use vehicle::Timestamp;
 use vehicle::angle::wrap_pi;
@@ -50,7 +50,7 @@ impl Filter {
         let spacing = self.gates[aid as usize].spacing_s(at);
         let sharing = (quality.correlation_s / spacing.max(1e-3)).max(1.0);
         let r = (quality.std * quality.std * sharing).max(1e-10);
-        let mut ph = self.covariance * observation.row;
+        let mut ph = covariance::times(&self.covariance, &observation.row);
         let mut hph = observation.row.dot(&ph);
         match self.gates[aid as usize].judge(at, innovation, hph + r) {
             Verdict::Use => {}
@@ -59,23 +59,21 @@ impl Filter {
                 // Doubt the state along the measured direction until the measurement is at the edge of the gate.
                 if hph > 0.0 {
                     let k = extra / (hph * hph);
-                    self.covariance += ph * ph.transpose() * k;
+                    covariance::add_outer(&mut self.covariance, &ph, k);
                     ph *= 1.0 + extra / hph;
                     hph += extra;
                 }
             }
         }
         let s = hph + r;
-        let gain = ph / s;
-        self.covariance -= gain * ph.transpose();
-        let correction = gain * innovation;
+        let correction = ph * (innovation / s);
         let next = self.state.plus(&correction);
         if !next.is_finite() {
             return false;
         }
         self.state = next;
+        covariance::add_outer(&mut self.covariance, &ph, -1.0 / s);
         self.reset_attitude(&correction.fixed_rows::<3>(ATTITUDE).into_owned());
-        self.symmetrise();
         true
     }
 
@@ -85,17 +83,6 @@ impl Filter {
             return;
         }
         let g = Matrix3::identity() - (error * 0.5).cross_matrix();
-        for column in 0..STATES {
-            let turned = g * self.covariance.fixed_view::<3, 1>(ATTITUDE, column);
-            self.covariance
-                .fixed_view_mut::<3, 1>(ATTITUDE, column)
-                .copy_from(&turned);
-        }
-        for row in 0..STATES {
-            let turned = self.covariance.fixed_view::<1, 3>(row, ATTITUDE) * g.transpose();
-            self.covariance
-                .fixed_view_mut::<1, 3>(row, ATTITUDE)
-                .copy_from(&turned);
-        }
+        covariance::turn_attitude(&mut self.covariance, &g);
     }
 }

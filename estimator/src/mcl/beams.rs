@@ -12,8 +12,10 @@ use vehicle::{Beam, RangeScan};
 pub const MAX_TILT_RAD: f64 = 0.262;
 /// A hit lower than this above the floor may be the floor itself, m.
 const MIN_HIT_HEIGHT_M: f64 = 0.06;
-/// Cones narrower than this are treated as rays, rad.
+/// Cones narrower than this are treated as rays, rad ...
 const RAY_HALF_CONE_RAD: f64 = 0.06;
+/// ... and rays narrower than this (half a degree) come from a laser, whose error does not grow with the range.
+const LASER_HALF_CONE_RAD: f64 = 0.009;
 /// Where along a beam without return a wall would have been noticed, m.
 const PROBES_M: [f64; 3] = [0.35, 0.6, 0.85];
 
@@ -33,11 +35,13 @@ pub enum Evidence {
     ConeFar = 4,
     /// No return.
     Nothing = 5,
+    /// Laser beam, return at any distance.
+    Laser = 6,
 }
 
 impl Evidence {
     /// Number of kinds.
-    pub const COUNT: usize = 6;
+    pub const COUNT: usize = 7;
 }
 
 /// One reading in the level plane. A ray has one candidate point; a cone three along its arc; a beam without return
@@ -94,7 +98,7 @@ impl LevelBeam {
     pub const fn is_ray(&self) -> bool {
         matches!(
             self.evidence,
-            Evidence::RayNear | Evidence::RayMiddle | Evidence::RayFar
+            Evidence::RayNear | Evidence::RayMiddle | Evidence::RayFar | Evidence::Laser
         )
     }
 }
@@ -208,6 +212,7 @@ fn level_beam(beam: &Beam, stance: &Stance, turn: &Turn) -> Option<LevelBeam> {
     if !is_cone {
         let p = point(&ahead, distance);
         let evidence = match distance {
+            _ if beam.half_cone_rad < LASER_HALF_CONE_RAD => Evidence::Laser,
             d if d < 1.0 => Evidence::RayNear,
             d if d < 2.0 => Evidence::RayMiddle,
             _ => Evidence::RayFar,

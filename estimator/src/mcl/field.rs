@@ -3,6 +3,7 @@
 //! The exact distance transform of the plan is interpolated to half its cell, so that a 5 cm plan does not cost 2 cm of
 //! accuracy, and kept in steps of 5 mm up to 1.27 m: 12 x 9 m are 170 kB and stay in the second-level cache.
 
+use super::planar::Planar;
 use vehicle::FloorPlan;
 use vehicle::floor_plan::Cell;
 
@@ -111,6 +112,31 @@ impl Field {
     #[must_use]
     pub const fn open_area_m2(&self) -> f64 {
         self.open_area_m2
+    }
+
+    /// Mean and covariance of the uniform distribution over open floor and all headings: what is known at an unknown start.
+    #[must_use]
+    pub fn anywhere(&self) -> (Planar, [[f64; 3]; 3]) {
+        let (mut n, mut sum, mut squares) = (0.0, [0.0; 2], [0.0; 3]);
+        for (i, _) in self.open.iter().enumerate().filter(|(_, open)| **open) {
+            let (u, v) = ((i % self.width) as f64, (i / self.width) as f64);
+            n += 1.0;
+            sum = [sum[0] + u, sum[1] + v];
+            squares = [squares[0] + u * u, squares[1] + u * v, squares[2] + v * v];
+        }
+        let n = f64::max(n, 1.0);
+        let mean = sum.map(|s| s / n);
+        let m2 = self.cell_m * self.cell_m;
+        let xx = (squares[0] / n - mean[0] * mean[0]) * m2;
+        let xy = (squares[1] / n - mean[0] * mean[1]) * m2;
+        let yy = (squares[2] / n - mean[1] * mean[1]) * m2;
+        // A circle's worth of headings: variance pi^2 / 3.
+        let tt = core::f64::consts::PI * core::f64::consts::PI / 3.0;
+        let at = |axis: usize| self.origin[axis] + (mean[axis] + 0.5) * self.cell_m;
+        (
+            Planar::new(at(0), at(1), 0.0),
+            [[xx, xy, 0.0], [xy, yy, 0.0], [0.0, 0.0, tt]],
+        )
     }
 
     /// Distance to the nearest wall, m, at most [`FAR_M`].
@@ -295,6 +321,21 @@ mod tests {
             field.distance_m(2.1, 1.5)
         );
         assert!(field.distance_m(1.85, 1.5) < 0.03);
+    }
+
+    #[test]
+    fn anywhere_is_the_middle_of_the_open_floor_with_all_the_doubt_of_it() {
+        let (mean, covariance) = Field::new(&room()).anywhere();
+        // The block in the middle is 0.1 m off in x.
+        assert!(
+            mean.is_near(&Planar::new(2.0, 1.5, 0.0), 0.02, 0.01),
+            "{mean:?}"
+        );
+        // Uniform over 3.8 m: 1.097 m across.
+        assert!(
+            (covariance[0][0].sqrt() - 1.12).abs() < 0.05,
+            "{covariance:?}"
+        );
     }
 
     #[test]

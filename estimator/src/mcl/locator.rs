@@ -18,7 +18,7 @@ use super::field::Field;
 use super::filter::ParticleFilter;
 use super::particles::Particles;
 use super::planar::Planar;
-use super::sensor;
+use super::sensor::{self, ReadingNoise};
 use super::stack::Stack;
 use crate::EstimatorParams;
 use arrayvec::ArrayVec;
@@ -49,6 +49,12 @@ const RIVAL_REACH_M: f64 = 1.0;
 /// Weight share and fit that count as good, and as bad.
 const GOOD_MASS: f64 = 0.8;
 const BAD_MASS: f64 = 0.4;
+/// Below this fit the published place is doubted: searches look for a better one. Above the other it is not.
+const DOUBTED_FIT: f64 = 0.9;
+const REASSURED_FIT: f64 = 0.97;
+/// Most mass that is published for a place that the ranges contradict, and for one that no search has judged yet.
+const DOUBTED_MASS: f64 = 0.5;
+const UNCONFIRMED_MASS: f64 = 0.75;
 /// Bad for this long is lost, s.
 const LOST_S: f64 = 2.0;
 /// Time constant of the published fit, s.
@@ -106,14 +112,21 @@ pub struct Locator {
     stack: Stack,
     agreements: u32,
     disagrees: bool,
+    /// Share that the last search gave to the held place among all that it found.
+    search_share: f64,
+    /// The published place explains too little of what is seen: searches look for a better one.
+    is_doubted: bool,
     /// The held pose continues the one last published, or the told start.
     is_continuous: bool,
     asked: Option<(u32, Timestamp)>,
     next_id: u32,
     status: Localization,
+    /// Weight share of the held cluster.
+    mass: f64,
+    covariance: [[f64; 3]; 3],
     good_fit: f64,
     bad_fit: f64,
-    search_params: (f64, f64, f64),
+    noise: ReadingNoise,
 }
 
 impl Locator {
@@ -136,13 +149,17 @@ impl Locator {
             stack: Stack::default(),
             agreements: 0,
             disagrees: false,
+            search_share: 0.0,
+            is_doubted: false,
             is_continuous: false,
             asked: None,
             next_id: 0,
             status: Localization::default(),
+            mass: 0.0,
+            covariance: [[0.0; 3]; 3],
             good_fit: params.good_fit,
             bad_fit: params.bad_fit,
-            search_params: (params.ray_std_m, params.cone_std_m, params.random_share),
+            noise: params.into(),
         }
     }
 
@@ -173,7 +190,9 @@ impl Locator {
         self.bad_since = None;
         self.stack.clear();
         self.agreements = 0;
+        self.search_share = 0.0;
         self.disagrees = false;
+        self.is_doubted = false;
         self.is_continuous = false;
         self.asked = None;
         let reset_counter = self.status.reset_counter;
@@ -193,6 +212,18 @@ impl Locator {
     #[must_use]
     pub const fn status(&self) -> &Localization {
         &self.status
+    }
+
+    /// Odometry pose of the last update: what [`Locator::status`] is true at.
+    #[must_use]
+    pub fn updated_at(&self) -> Option<Planar> {
+        self.updated.map(|(_, odometry)| odometry)
+    }
+
+    /// Covariance of the published pose: x, y, yaw, m2, m rad, rad2.
+    #[must_use]
+    pub const fn covariance(&self) -> [[f64; 3]; 3] {
+        self.covariance
     }
 
     /// The particles.
@@ -258,7 +289,12 @@ impl Locator {
         if self.status.state == LocalizationState::Off {
             self.status.state = LocalizationState::Searching;
         }
-        if !matches!(self.phase, Phase::Localized | Phase::Confirming) || self.bad_since.is_some() {
+        let stacks = match self.phase {
+            Phase::Searching | Phase::Lost => true,
+            Phase::Localized => self.is_doubted || self.bad_since.is_some(),
+            Phase::Confirming => self.bad_since.is_some(),
+        };
+        if stacks {
             self.stack.add(at, &odometry, &self.pending);
         }
         let axes = odometry.axes();
@@ -273,9 +309,10 @@ impl Locator {
         } else {
             (step.length() / NEWS_M + step.yaw.abs() / NEWS_RAD).clamp(NEWS_STILL, 1.0)
         };
-        let held_before = self.held.map(|h| h.then(&step));
+        let corrected = self.filter.drift().corrected(&step);
+        let held_before = self.held.map(|h| h.then(&corrected));
         self.rival = self.rival.map(|r| Rival {
-            pose: r.pose.then(&step),
+            pose: r.pose.then(&corrected),
             ..r
         });
         let updated = self.filter.update(&step, noise_scale, &beams, news)?;
@@ -284,13 +321,21 @@ impl Locator {
         let (cluster, is_jump) = self.choose(at, held_before, &updated.heaviest, &beams);
         self.held = Some(cluster.pose);
         self.status.pose = Some(cluster.pose.into());
-        self.status.mass = cluster.mass;
+        self.mass = cluster.mass;
+        self.covariance = cluster.covariance;
         if let Some(fit) = sensor::fit(self.filter.field(), &beams, &cluster.pose) {
             let a = if is_jump { 1.0 } else { (dt / FIT_S).min(1.0) };
             self.status.fit += a * (fit - self.status.fit);
         }
         self.is_continuous &= !is_jump;
         self.judge(at);
+        self.status.mass = self.claimed_mass();
+        let is_confirmed = self.phase == Phase::Localized
+            && !is_jump
+            && self.bad_since.is_none()
+            && self.mass > GOOD_MASS;
+        self.filter
+            .learn(is_confirmed.then_some(&cluster), &odometry);
         if self.phase != Phase::Localized {
             return None;
         }
@@ -351,6 +396,7 @@ impl Locator {
             self.rival = None;
             self.good_since = None;
             self.agreements = 0;
+            self.search_share = UNCONFIRMED_MASS;
             return (*heaviest, true);
         }
         let stay = cluster::around(self.filter.particles(), &held)
@@ -365,7 +411,7 @@ impl Locator {
 
     /// Moves between the states.
     fn judge(&mut self, at: Timestamp) {
-        let (mass, fit) = (self.status.mass, self.status.fit);
+        let (mass, fit) = (self.mass, self.status.fit);
         let is_good = mass >= GOOD_MASS && fit >= self.good_fit;
         let is_bad = mass < BAD_MASS || fit < self.bad_fit;
         self.good_since = if is_good {
@@ -378,8 +424,18 @@ impl Locator {
             self.bad_since = None;
         } else if self.bad_since.is_none() {
             self.bad_since = Some(at);
-            if self.phase == Phase::Localized {
+            if self.phase == Phase::Localized && !self.is_doubted {
                 self.stack.clear();
+            }
+        }
+        if self.phase == Phase::Localized {
+            if fit < DOUBTED_FIT && !self.is_doubted {
+                self.is_doubted = true;
+                if self.bad_since.is_none_or(|t| t == at) {
+                    self.stack.clear();
+                }
+            } else if fit > REASSURED_FIT {
+                self.is_doubted = false;
             }
         }
         let claim = match self.phase {
@@ -414,6 +470,19 @@ impl Locator {
         }
     }
 
+    /// What is published as mass. The particles' own share says how they agree with each other, which after a wrong start
+    /// they do too: a place that nothing else confirms is claimed by less.
+    fn claimed_mass(&self) -> f64 {
+        let limit = match self.phase {
+            Phase::Confirming => 1.0,
+            Phase::Localized if self.bad_since.is_some() => DOUBTED_MASS,
+            Phase::Localized => 1.0,
+            Phase::Searching | Phase::Lost if self.bad_since.is_some() => DOUBTED_MASS,
+            Phase::Searching | Phase::Lost => self.search_share,
+        };
+        self.mass.min(limit)
+    }
+
     fn is_confirmed_by_search(&self) -> bool {
         self.agreements >= 2 || (self.agreements >= 1 && self.stack.swept_rad() > 0.9 * TAU)
     }
@@ -421,6 +490,7 @@ impl Locator {
     fn lose(&mut self) {
         self.phase = Phase::Lost;
         self.status.state = LocalizationState::Lost;
+        self.is_doubted = false;
         self.good_since = None;
         self.agreements = 0;
         self.disagrees = false;

@@ -6,6 +6,7 @@
 //! | [`beams`] | scans as level points: rays, cones, beams without return |
 //! | [`field`] | the plan as a table of distances |
 //! | [`sensor`] | likelihood of readings, by table |
+//! | [`drift`] | bias and noise of odometry, learned while the place is known |
 //! | [`motion`] | how particles move with odometry |
 //! | [`particles`] | the particles, systematic resampling |
 //! | [`bins`] | counting by place; KLD size of the set |
@@ -14,26 +15,34 @@
 //! | [`stack`] | scans of the last seconds as one |
 //! | [`search`](mod@search) | global start: exhaustive match of a stacked scan |
 //! | [`locator`] | searching, localized, lost: when to believe it |
+//! | [`thesis`] | the filter of the SNSI thesis, to compare with |
+//! | [`localizer`] | one of the two |
 //! | [`random`] | seeded random numbers |
+//! | [`replay`] | recorded logs through the same locator, scored |
 //!
 //! Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), chapters 4, 6, 8; Fox 2003 (KLD).
 
 pub mod beams;
 pub mod bins;
 pub mod cluster;
+pub mod drift;
 pub mod field;
 pub mod filter;
+pub mod localizer;
 pub mod locator;
 pub mod motion;
 pub mod particles;
 pub mod planar;
 pub mod random;
+pub mod replay;
 pub mod search;
 pub mod sensor;
 pub mod stack;
+pub mod thesis;
 
 pub use field::Field;
 pub use filter::ParticleFilter;
+pub use localizer::Localizer;
 pub use locator::{Fix, Locator};
 pub use planar::Planar;
 pub use search::{Peak, SearchRequest, SearchResult, search};

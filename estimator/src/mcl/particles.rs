@@ -15,6 +15,8 @@ pub struct Particles {
     pub(crate) yaw: Vec<f32>,
     /// Logarithm of the weight, up to a constant.
     pub(crate) log_weight: Vec<f32>,
+    /// Log-likelihood of the readings weighed last.
+    pub(crate) log_likelihood: Vec<f32>,
     /// Share, sum 1.
     pub(crate) weight: Vec<f32>,
     spare: [Vec<f32>; 3],
@@ -31,6 +33,7 @@ impl Particles {
             y: v(),
             yaw: v(),
             log_weight: v(),
+            log_likelihood: v(),
             weight: v(),
             spare: [v(), v(), v()],
             capacity,
@@ -75,6 +78,7 @@ impl Particles {
         self.y.clear();
         self.yaw.clear();
         self.log_weight.clear();
+        self.log_likelihood.clear();
         self.weight.clear();
     }
 
@@ -89,6 +93,7 @@ impl Particles {
             } else {
                 -80.0
             });
+            self.log_likelihood.push(0.0);
             self.weight.push(share);
         }
     }
@@ -112,6 +117,47 @@ impl Particles {
         }
     }
 
+    /// Adds a portion of the log-likelihood to the log weights.
+    pub fn weigh(&mut self, portion: f32) {
+        for (w, l) in self.log_weight.iter_mut().zip(&self.log_likelihood) {
+            *w += portion * l;
+        }
+    }
+
+    /// Effective sample size if `portion` of the log-likelihood were added.
+    #[must_use]
+    pub fn effective_after(&self, portion: f32) -> f64 {
+        let values = || {
+            self.log_weight
+                .iter()
+                .zip(&self.log_likelihood)
+                .map(|(w, l)| w + portion * l)
+        };
+        let highest = values().fold(f32::NEG_INFINITY, f32::max);
+        let (mut sum, mut squares) = (0.0f64, 0.0f64);
+        for v in values() {
+            let w = f64::from(exp_below_zero(v - highest));
+            sum += w;
+            squares += w * w;
+        }
+        if squares > 0.0 {
+            sum * sum / squares
+        } else {
+            0.0
+        }
+    }
+
+    /// Moves every particle by a draw from a normal distribution with this lower-triangular root of its covariance.
+    pub fn jitter(&mut self, root: &[[f32; 3]; 3], random: &mut Random) {
+        for i in 0..self.len() {
+            let g = [random.gaussian(), random.gaussian(), random.gaussian()];
+            self.x[i] += root[0][0] * g[0];
+            self.y[i] += root[1][0] * g[0] + root[1][1] * g[1];
+            let dyaw = root[2][0] * g[0] + root[2][1] * g[1] + root[2][2] * g[2];
+            self.yaw[i] = wrap(self.yaw[i] + dyaw);
+        }
+    }
+
     /// Turns log weights into shares. Equal shares if nothing is left of them.
     pub fn normalise(&mut self) {
         let highest = self
@@ -126,13 +172,8 @@ impl Particles {
         let mut sum = 0.0f64;
         for (w, l) in self.weight.iter_mut().zip(&mut self.log_weight) {
             *l -= highest;
-            // Below exp(-80) a share is nothing, and f32 would have to denormalise.
-            *w = if *l < -80.0 || l.is_nan() {
-                *l = -80.0;
-                0.0
-            } else {
-                libm::expf(*l)
-            };
+            *l = if *l > -80.0 { *l } else { -80.0 };
+            *w = exp_below_zero(*l);
             sum += f64::from(*w);
         }
         let inverse = (1.0 / sum) as f32;
@@ -189,8 +230,15 @@ impl Particles {
         core::mem::swap(&mut self.yaw, yaw);
         self.weight.resize(count, 0.0);
         self.log_weight.resize(count, 0.0);
+        self.log_likelihood.resize(count, 0.0);
         self.equalise();
     }
+}
+
+/// exp(v) for v <= 0; nothing (0, not a denormal number) below -80 and for NaN.
+#[inline]
+fn exp_below_zero(v: f32) -> f32 {
+    if v > -80.0 { libm::expf(v) } else { 0.0 }
 }
 
 #[cfg(test)]

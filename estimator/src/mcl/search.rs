@@ -8,7 +8,7 @@
 use super::beams::{Evidence, LevelBeam};
 use super::field::Field;
 use super::planar::{Axes, Planar};
-use super::sensor::SensorModel;
+use super::sensor::{ReadingNoise, SensorModel};
 use super::stack::{FULL_SUPPORT, MAX_STACK, Supported};
 use arrayvec::ArrayVec;
 use core::f64::consts::TAU;
@@ -47,12 +47,10 @@ pub struct SearchRequest {
     pub readings: ArrayVec<Supported, MAX_STACK>,
     /// Odometry pose the scan is given in.
     pub reference: Planar,
-    /// Deviation of a near ray, m.
-    pub ray_std_m: f64,
-    /// Deviation of a near cone, m.
-    pub cone_std_m: f64,
-    /// Share of random readings.
-    pub random_share: f64,
+    /// Where the reference pose is thought to be on the plan: looked at in any case.
+    pub held: Option<Planar>,
+    /// How far readings end from walls.
+    pub noise: ReadingNoise,
 }
 
 /// A place that explains the scan.
@@ -73,6 +71,8 @@ pub struct SearchResult {
     pub id: u32,
     /// Odometry pose of the question.
     pub reference: Planar,
+    /// How good the place is that was thought to be ours.
+    pub held: Option<Peak>,
     /// Places, best first.
     pub peaks: ArrayVec<Peak, MAX_PEAKS>,
     /// Readings looked at, those of little support counted by their share of it.
@@ -85,6 +85,7 @@ pub fn search(request: &SearchRequest) -> SearchResult {
     let mut result = SearchResult {
         id: request.id,
         reference: request.reference,
+        held: None,
         peaks: ArrayVec::new(),
         readings: request.readings.iter().map(weight_of).sum(),
     };
@@ -95,6 +96,8 @@ pub fn search(request: &SearchRequest) -> SearchResult {
     let blocks = matcher.blocks();
     let seeds = matcher.open(&blocks);
     let mut peaks: Vec<Peak> = seeds.iter().map(|p| matcher.refine(p)).collect();
+    result.held = request.held.map(|p| matcher.refine(&p));
+    peaks.extend(result.held);
     sort_best_first(&mut peaks, |p| p.score);
     for p in peaks {
         let is_new = result
@@ -157,16 +160,18 @@ impl Turned {
 
 impl<'a> Matcher<'a> {
     fn new(request: &'a SearchRequest) -> Self {
-        let widen = BROAD_STD_M / request.ray_std_m;
+        let noise = request.noise;
+        let widen = BROAD_STD_M / noise.ray_std_m;
         Self {
             request,
             field: &request.field,
-            broad: SensorModel::new(
-                BROAD_STD_M,
-                request.cone_std_m * widen.min(1.5),
-                request.random_share,
-            ),
-            sharp: SensorModel::new(request.ray_std_m, request.cone_std_m, request.random_share),
+            broad: SensorModel::new(&ReadingNoise {
+                ray_std_m: BROAD_STD_M,
+                laser_std_m: BROAD_STD_M,
+                cone_std_m: noise.cone_std_m * widen.min(1.5),
+                ..noise
+            }),
+            sharp: SensorModel::new(&noise),
         }
     }
 

@@ -10,6 +10,7 @@ use super::field::{CODE_M, Field};
 use super::particles::Particles;
 use super::planar::{Axes, Planar};
 use super::random::sin_cos;
+use crate::EstimatorParams;
 
 /// Most readings one update uses; two full scans.
 pub const MAX_READINGS: usize = 128;
@@ -22,6 +23,30 @@ const NO_RETURN_NEAR: f64 = 0.01;
 const NO_RETURN_ELSEWHERE: f64 = 0.10;
 /// A probe closer to a wall than this says that there is a wall, m.
 const PROBE_M: f64 = 0.12;
+
+/// How far readings end from the walls they mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadingNoise {
+    /// Deviation of a near time-of-flight ray, m.
+    pub ray_std_m: f64,
+    /// Deviation of a near cone, m.
+    pub cone_std_m: f64,
+    /// Deviation of a laser beam, m.
+    pub laser_std_m: f64,
+    /// Share of readings that mean nothing.
+    pub random_share: f64,
+}
+
+impl From<&EstimatorParams> for ReadingNoise {
+    fn from(params: &EstimatorParams) -> Self {
+        Self {
+            ray_std_m: params.ray_std_m,
+            cone_std_m: params.cone_std_m,
+            laser_std_m: params.laser_std_m,
+            random_share: params.random_share,
+        }
+    }
+}
 
 /// Log-likelihood tables.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,7 +120,13 @@ impl Readings {
 impl SensorModel {
     /// Tables for a deviation of near rays; farther rays and cones are wider in proportion.
     #[must_use]
-    pub fn new(ray_std_m: f64, cone_std_m: f64, random_share: f64) -> Self {
+    pub fn new(noise: &ReadingNoise) -> Self {
+        let ReadingNoise {
+            ray_std_m,
+            cone_std_m,
+            laser_std_m,
+            random_share,
+        } = *noise;
         let mut tables = vec![0.0; 256 * Evidence::COUNT];
         let mut fill = |evidence: Evidence, std_m: f64, random: f64, weight: f64| {
             for code in 0..256usize {
@@ -112,6 +143,7 @@ impl SensorModel {
             0.9,
         );
         fill(Evidence::RayFar, 1.5 * ray_std_m, 3.0 * random_share, 0.7);
+        fill(Evidence::Laser, laser_std_m, random_share, 1.0);
         fill(Evidence::ConeNear, cone_std_m, 2.0 * random_share, 1.0);
         fill(Evidence::ConeFar, 1.5 * cone_std_m, 4.0 * random_share, 0.7);
         let near = 0.5 * libm::log(NO_RETURN_NEAR / NO_RETURN_ELSEWHERE);
@@ -123,14 +155,8 @@ impl SensorModel {
         Self { tables }
     }
 
-    /// Adds `scale` times the log-likelihood of the readings to each particle's log weight.
-    pub(crate) fn weigh(
-        &self,
-        field: &Field,
-        readings: &Readings,
-        scale: f32,
-        particles: &mut Particles,
-    ) {
+    /// Computes the log-likelihood of the readings for each particle.
+    pub(crate) fn weigh(&self, field: &Field, readings: &Readings, particles: &mut Particles) {
         let inverse = (1.0 / field.cell_m()) as f32;
         let [ox, oy] = field.origin().map(|o| o as f32);
         let tables = &self.tables[..];
@@ -179,7 +205,7 @@ impl SensorModel {
             } else {
                 OFF_PLAN
             };
-            particles.log_weight[i] += scale * sum + scale.min(1.0) * place;
+            particles.log_likelihood[i] = sum + place;
         }
     }
 
@@ -211,7 +237,7 @@ pub fn fit(field: &Field, beams: &[LevelBeam], pose: &Planar) -> Option<f64> {
     let axes = pose.axes();
     for beam in beams.iter().filter(|b| b.is_hit()) {
         let (limit, weight) = match beam.evidence {
-            Evidence::RayNear => (0.15, 1.0),
+            Evidence::RayNear | Evidence::Laser => (0.15, 1.0),
             Evidence::RayMiddle => (0.15, 0.8),
             Evidence::RayFar => (0.20, 0.5),
             Evidence::ConeNear => (0.25, 1.0),

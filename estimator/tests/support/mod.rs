@@ -1,4 +1,4 @@
-//! What the tests share: recorded maze flights and a synthetic world with its own ray caster.
+//! What the tests share: a synthetic world with its own ray caster.
 #![allow(dead_code, reason = "each test binary uses a part")]
 #![allow(unreachable_pub, reason = "shared between test binaries")]
 #![allow(
@@ -7,5 +7,6 @@
     reason = "test code outside of test functions"
 )]
 
-pub mod maze;
+pub mod broad;
+pub mod recordings;
 pub mod world;

@@ -396,6 +396,7 @@ impl<'a> Simulation<'a> {
                 at: now,
                 accel_mps2: In::from_vector(accel),
                 gyro_radps: In::from_vector(gyro),
+                mag: None,
             }));
         }
         if tick.is_multiple_of(4) {

@@ -3,10 +3,10 @@
 
 use super::identify::{Identify, Outcome};
 use super::schedule::{Members, Schedule, Turns};
-use super::statistics::{Averages, Statistics};
+use super::statistics::{Averages, Statistics, blend};
 use super::{Config, Event, MAX_ONE_OFFS, MAX_REQUEST, RequestError};
 use crate::command;
-use crate::firmware::Identity;
+use crate::firmware::{Firmware, Identity};
 use crate::frame::Counters;
 use crate::message::rc::MAX_CHANNELS;
 use arrayvec::ArrayVec;
@@ -41,6 +41,19 @@ pub(super) struct Link {
     /// The last RC frame was refused, and that has been told.
     pub(super) rc_is_refused: bool,
     pub(super) is_lost: bool,
+    /// Which list is read again next, and when.
+    pub(super) refresh_command: u16,
+    pub(super) refresh_at_us: u64,
+    /// The last status said that the controller has just started.
+    pub(super) is_starting: Option<bool>,
+    /// Since when the cycle time is 0, and whether that has been told.
+    pub(super) still_since_us: Option<u64>,
+    pub(super) still_is_told: bool,
+    /// Time between two RC frames of the caller, moving average; 0 = not known.
+    pub(super) rc_period_us: f64,
+    pub(super) rc_set_us: u64,
+    /// When it is judged whether the controller is slow; `None` = told already.
+    pub(super) judge_at_us: Option<u64>,
     /// A request has timed out since the last answer: do not pile up more than one.
     pub(super) is_mute: bool,
     pub(super) events: VecDeque<Event>,
@@ -89,8 +102,17 @@ pub(super) enum Origin {
     /// Asked only to hear whether anybody is there.
     Probe,
     Rc,
+    Refresh,
     Schedule(Members),
 }
+
+/// When a controller is judged after its identification, and again while it is fast enough.
+const JUDGE_US: u64 = 3_000_000;
+/// Betaflight serves 100 requests a second unless told otherwise. Fewer than this are too few when one
+/// line of its command line gives ten times as many.
+const SLOW_HZ: f64 = 150.0;
+/// Part of the wanted rate that nobody notices to be missing.
+const ENOUGH: f64 = 0.9;
 
 impl Link {
     pub(super) fn new(config: Config) -> Self {
@@ -109,6 +131,14 @@ impl Link {
             noise_before: 0,
             rc_is_refused: false,
             is_lost: false,
+            refresh_command: command::BOXIDS,
+            refresh_at_us: 0,
+            is_starting: None,
+            still_since_us: None,
+            still_is_told: false,
+            rc_period_us: 0.0,
+            rc_set_us: 0,
+            judge_at_us: None,
             is_mute: false,
             events: VecDeque::with_capacity(MAX_EVENTS),
             statistics: Statistics::default(),
@@ -134,6 +164,10 @@ impl Link {
         self.noise_before = self.statistics.noise_bytes;
         self.is_lost = false;
         self.is_mute = false;
+        self.is_starting = None;
+        self.still_since_us = None;
+        self.judge_at_us = None;
+        self.averages.on_pause();
     }
 
     pub(super) fn set_rc(&mut self, now_us: u64, channels_us: &[u16]) {
@@ -143,6 +177,11 @@ impl Link {
         }
         let channels_us = channels_us.iter().copied().take(MAX_CHANNELS).collect();
         let since_us = now_us;
+        let period_us = now_us.saturating_sub(self.rc_set_us);
+        if (1..JUDGE_US).contains(&period_us) {
+            self.rc_period_us = blend(self.rc_period_us, period_us as f64, 1.0 / 16.0);
+        }
+        self.rc_set_us = now_us;
         let unsent = self.rc.replace(RcFrame {
             channels_us,
             since_us,
@@ -175,6 +214,7 @@ impl Link {
 
     /// Takes over the counters of the decoder.
     pub(super) fn count(&mut self, counters: &Counters) {
+        self.statistics.line = *counters;
         self.statistics.bad_frames = counters.bad_frames();
         self.statistics.noise_bytes = counters.noise_bytes;
     }
@@ -206,12 +246,68 @@ impl Link {
             self.rc = None;
             self.statistics.rc_expired += 1;
         }
+        if self.judge_at_us.is_some_and(|at_us| now_us >= at_us) {
+            self.judge(now_us);
+        }
         if self
             .lost_at_us()
             .is_some_and(|lost_at_us| now_us >= lost_at_us)
         {
             self.on_lost(now_us);
         }
+    }
+
+    /// Whether the controller serves what flight wants.
+    fn judge(&mut self, now_us: u64) {
+        self.judge_at_us = Some(now_us + JUDGE_US);
+        let service_rate_hz = self.statistics.service_rate_hz;
+        let may_judge = self.is_online() && service_rate_hz > 0.0;
+        let Some(identity) = self.identity.as_ref().filter(|_| may_judge) else {
+            return;
+        };
+        let is_rc_live = self.rc_period_us > 0.0 && now_us < self.rc_set_us + JUDGE_US;
+        let rc_hz = if is_rc_live {
+            1e6 / self.rc_period_us
+        } else {
+            0.0
+        };
+        let wanted_hz = self.turns.demand_hz(self.batches()) + rc_hz;
+        let cli_line = identity.firmware.faster_cli_line();
+        let too_few = service_rate_hz < ENOUGH * wanted_hz;
+        if too_few || (cli_line.is_some() && service_rate_hz < SLOW_HZ) {
+            self.judge_at_us = None;
+            self.emit(Event::Slow {
+                service_rate_hz,
+                wanted_hz,
+                cli_line,
+            });
+        }
+    }
+
+    /// Called when the controller has been identified.
+    pub(super) fn begin_watch(&mut self, now_us: u64) {
+        self.statistics.identifications += 1;
+        self.judge_at_us = Some(now_us + JUDGE_US);
+        self.refresh_at_us = now_us + self.config.refresh_us / 2;
+        self.is_starting = None;
+    }
+
+    /// When a list is to be read again.
+    pub(super) fn refresh_due_us(&self) -> Option<u64> {
+        (self.config.refresh_us > 0 && self.identify.is_none()).then_some(self.refresh_at_us)
+    }
+
+    /// The list was read, or the controller has none: now the other one.
+    pub(super) fn on_refreshed(&mut self, now_us: u64) {
+        let has_map = self
+            .identity
+            .as_ref()
+            .is_some_and(|identity| identity.firmware != Firmware::MultiWii);
+        self.refresh_command = match self.refresh_command {
+            command::BOXIDS if has_map => command::RX_MAP,
+            _ => command::BOXIDS,
+        };
+        self.refresh_at_us = now_us + self.config.refresh_us / 2;
     }
 
     /// When silence becomes a loss. Only if a request has gone unanswered: a program that was
@@ -229,10 +325,10 @@ impl Link {
 
     fn on_timeout(&mut self, now_us: u64, late: &Outstanding) {
         self.statistics.timeouts += 1;
-        self.averages.on_timeout();
+        self.averages.on_pause();
         self.is_mute = true;
         match &late.origin {
-            Origin::Probe | Origin::Rc => {}
+            Origin::Probe | Origin::Rc | Origin::Refresh => {}
             Origin::Schedule(members) => self.turns.on_timeout(now_us, members),
             Origin::Identify => {
                 if self
@@ -264,6 +360,7 @@ impl Link {
 
     fn on_lost(&mut self, now_us: u64) {
         self.is_lost = true;
+        self.statistics.losses += 1;
         self.turns.reset();
         self.outstanding
             .retain(|waiting| !matches!(waiting.origin, Origin::Schedule(_) | Origin::Identify));
@@ -285,6 +382,15 @@ impl Link {
         let due = (self.is_online() && self.has_room())
             .then(|| self.turns.next_due_us())
             .flatten();
+        let may_ask = self.is_online() && self.has_room();
+        let fill = self
+            .fill_pause_us()
+            .filter(|_| may_ask)
+            .and_then(|pause_us| self.turns.next_fill_us(pause_us));
+        let refresh = self
+            .refresh_due_us()
+            .filter(|_| may_ask && !self.is_outstanding(&Origin::Refresh));
+        let judge = self.judge_at_us;
         let identify = self
             .identify
             .as_ref()
@@ -295,10 +401,12 @@ impl Link {
             .as_ref()
             .map(|rc| rc.since_us + self.config.rc_max_age_us + 1);
         let probe = (self.is_online() && self.outstanding.is_empty()).then(|| self.probe_at_us());
-        [timeouts, silence, due, identify, rc, probe]
-            .into_iter()
-            .flatten()
-            .min()
+        [
+            timeouts, silence, due, fill, refresh, judge, identify, rc, probe,
+        ]
+        .into_iter()
+        .flatten()
+        .min()
     }
 
     pub(super) fn emit(&mut self, event: Event) {

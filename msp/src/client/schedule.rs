@@ -76,6 +76,8 @@ pub(super) struct Turns {
 struct Entry {
     poll: Poll,
     due_us: u64,
+    /// When it was last sent.
+    sent_us: u64,
     in_flight: bool,
     /// The controller does not answer it inside a batch.
     single: bool,
@@ -118,6 +120,7 @@ impl Turns {
                 ..*poll
             },
             due_us: now_us,
+            sent_us: 0,
             in_flight: false,
             single: poll.command > 254,
             refused: false,
@@ -125,6 +128,36 @@ impl Turns {
         Self {
             entries: schedule.iter().map(entry).collect(),
         }
+    }
+
+    /// What to do with a slot nobody asked for: the fast request that has waited longest, measured in its
+    /// own intervals, unless it was sent less than `pause_us` ago. So spare slots raise all fast rates in
+    /// proportion. One that is in flight may go again: on a line longer than a slot several must be.
+    pub(super) fn fill(&self, now_us: u64, pause_us: u64, batches: bool) -> Option<Turn> {
+        // Millionths of an interval.
+        let waited = |entry: &Entry| {
+            let waited_us = now_us.saturating_sub(entry.sent_us);
+            waited_us.saturating_mul(1_000_000) / u64::from(entry.poll.interval_us)
+        };
+        let first = self
+            .entries
+            .iter()
+            .filter(|entry| entry.may_fill() && now_us >= entry.sent_us + pause_us)
+            // The first of equals, as in `next`.
+            .rev()
+            .max_by_key(|entry| waited(entry))?;
+        let rides = |entry: &Entry| entry.may_fill() && waited(entry) >= waited(first) / 2;
+        Some(Turn {
+            members: self.batch(first, batches, rides),
+            score: 0,
+            is_overdue: false,
+        })
+    }
+
+    /// When [`Self::fill`] has something to send.
+    pub(super) fn next_fill_us(&self, pause_us: u64) -> Option<u64> {
+        let idle = self.entries.iter().filter(|entry| entry.may_fill());
+        idle.map(|entry| entry.sent_us + pause_us).min()
     }
 
     /// The most urgent request; `batches` says whether requests of fast priority may go together.
@@ -137,29 +170,28 @@ impl Turns {
             }
         }
         let (score, first) = best?;
-        let mut members = Members::from_iter([first.poll.command]);
-        if batches && first.is_batchable() {
-            // Whoever is due within half an interval rides along: together they cost one turn.
-            let rides = |entry: &&Entry| {
-                entry.is_idle()
-                    && entry.is_batchable()
-                    && entry.poll.command != first.poll.command
-                    && entry.due_us <= now_us + u64::from(entry.poll.interval_us / 2)
-            };
-            members.extend(
-                self.entries
-                    .iter()
-                    .filter(rides)
-                    .map(|entry| entry.poll.command)
-                    .take(MAX_POLLS - 1),
-            );
-        }
         let is_overdue = now_us - first.due_us >= u64::from(first.poll.interval_us);
+        // Whoever is due within half an interval rides along: together they cost one turn.
+        let rides = |entry: &Entry| {
+            entry.is_idle() && entry.due_us <= now_us + u64::from(entry.poll.interval_us / 2)
+        };
         Some(Turn {
-            members,
+            members: self.batch(first, batches, rides),
             score,
             is_overdue,
         })
+    }
+
+    /// `first` and who may go with it.
+    fn batch(&self, first: &Entry, batches: bool, rides: impl Fn(&Entry) -> bool) -> Members {
+        let mut members = Members::from_iter([first.poll.command]);
+        if batches && first.is_batchable() {
+            let others = self.entries.iter().filter(|entry| {
+                entry.is_batchable() && entry.poll.command != first.poll.command && rides(entry)
+            });
+            members.extend(others.map(|entry| entry.poll.command).take(MAX_POLLS - 1));
+        }
+        members
     }
 
     /// When somebody becomes due.
@@ -177,7 +209,10 @@ impl Turns {
             entry.in_flight = true;
             // A little late: keep the grid. Very late: do not catch up with a burst.
             let on_grid = now_us < entry.due_us + interval_us;
-            entry.due_us = if on_grid { entry.due_us } else { now_us } + interval_us;
+            let from_us = if on_grid { entry.due_us } else { now_us };
+            // Early, with a spare slot: the interval begins now.
+            entry.due_us = from_us.min(now_us) + interval_us;
+            entry.sent_us = now_us;
         }
     }
 
@@ -236,6 +271,10 @@ impl Turns {
 impl Entry {
     const fn is_idle(&self) -> bool {
         !self.in_flight && !self.refused
+    }
+
+    fn may_fill(&self) -> bool {
+        !self.refused && self.poll.priority == Priority::Fast
     }
 
     fn is_batchable(&self) -> bool {

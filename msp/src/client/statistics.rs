@@ -1,5 +1,8 @@
 //! How the link is doing: counters, round-trip time, service rate.
 
+use super::depth::Depth;
+use crate::frame::Counters;
+
 /// Counters and averages since construction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
@@ -25,6 +28,18 @@ pub struct Statistics {
     pub bad_frames: u64,
     /// Bytes received outside frames.
     pub noise_bytes: u64,
+    /// Every kind of bad frame by itself.
+    pub line: Counters,
+    /// How often the controller was identified.
+    pub identifications: u64,
+    /// How often it fell silent.
+    pub losses: u64,
+    /// How often it started anew, asked to or not.
+    pub restarts: u64,
+    /// How often its control loop stood still.
+    pub stalls: u64,
+    /// How often its configuration was found changed.
+    pub changes: u64,
     /// Events dropped, oldest first, because nobody polled them.
     pub events_dropped: u64,
     /// Request to reply in microseconds, moving average over about 8 replies.
@@ -33,46 +48,47 @@ pub struct Statistics {
     pub rtt_max_us: u64,
     /// Replies per second now, moving average over about a second.
     pub reply_rate_hz: f64,
-    /// Replies per second the controller manages when it always has a request waiting, moving
-    /// average over about 16 replies. With one request outstanding at a time it cannot be told from
-    /// the line and is one over the round-trip time.
+    /// Replies per second the controller manages while it is given no pause, moving average over
+    /// about 16 replies.
     pub service_rate_hz: f64,
+    /// Requests kept outstanding to achieve that.
+    pub depth: usize,
 }
 
 /// What the averages need to remember.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Averages {
-    /// Last reply while another request was waiting at the controller.
+    /// Last reply, as long as the controller was given the next request at once.
     busy_since_us: Option<u64>,
     /// Moving average of the time per reply of a busy controller; 0 = none yet.
     service_us: f64,
     window_start_us: u64,
     window_replies: u32,
+    pub(super) depth: Depth,
 }
 
 const RATE_WINDOW_US: u64 = 500_000;
 
 impl Averages {
-    /// A reply came at `now_us` to a request sent at `sent_us`; `waiting` requests are still
-    /// outstanding.
+    /// A reply came at `now_us` to a request sent at `sent_us`; at most `max_depth` requests may be
+    /// kept outstanding.
     pub(super) fn on_reply(
         &mut self,
         statistics: &mut Statistics,
         now_us: u64,
         sent_us: u64,
-        waiting: usize,
+        max_depth: usize,
     ) {
         let rtt_us = now_us.saturating_sub(sent_us);
         statistics.rtt_max_us = statistics.rtt_max_us.max(rtt_us);
         statistics.rtt_us = blend(statistics.rtt_us, rtt_us as f64, 1.0 / 8.0);
         if let Some(previous_us) = self.busy_since_us {
-            self.service_us = blend(
-                self.service_us,
-                now_us.saturating_sub(previous_us) as f64,
-                1.0 / 16.0,
-            );
+            let took_us = now_us.saturating_sub(previous_us);
+            self.service_us = blend(self.service_us, took_us as f64, 1.0 / 16.0);
+            self.depth.on_reply(now_us, took_us, max_depth);
         }
-        self.busy_since_us = (waiting > 0).then_some(now_us);
+        self.busy_since_us = Some(now_us);
+        statistics.depth = self.depth.now();
         let busy_us = if self.service_us > 0.0 {
             self.service_us
         } else {
@@ -82,9 +98,11 @@ impl Averages {
         self.window_replies += 1;
     }
 
-    /// A request was not answered: the time to the next reply says nothing about the service rate.
-    pub(super) fn on_timeout(&mut self) {
+    /// The controller has nothing to do, or did not answer: the time to the next reply says nothing
+    /// about the service rate.
+    pub(super) fn on_pause(&mut self) {
         self.busy_since_us = None;
+        self.depth.forget();
     }
 
     /// Closes the window of the reply rate when it is over.
@@ -101,7 +119,7 @@ impl Averages {
 }
 
 /// Exponentially weighted moving average that starts at the first value.
-fn blend(average: f64, value: f64, weight: f64) -> f64 {
+pub(super) fn blend(average: f64, value: f64, weight: f64) -> f64 {
     if average > 0.0 {
         average + weight * (value - average)
     } else {
@@ -135,8 +153,9 @@ mod tests {
                 &mut statistics,
                 second * 1_000_000,
                 second * 1_000_000 - 4_000,
-                0,
+                1,
             );
+            averages.on_pause();
         }
         assert!(
             (statistics.service_rate_hz - 250.0).abs() < 0.1,

@@ -281,7 +281,8 @@ fn inav_is_asked_for_its_own_status_over_v2() {
     bench.run(2_000_000);
     let replies = bench.replies();
     assert_eq!(replies[&command::INAV_STATUS], 10, "{replies:?}");
-    assert_eq!(replies[&command::ATTITUDE], 50, "{replies:?}");
+    // 25 Hz and what is left of 100 slots a second.
+    assert!(replies[&command::ATTITUDE] >= 50, "{replies:?}");
     assert!(!bench.served().contains_key(&command::MULTIPLE_MSP));
 }
 
@@ -378,7 +379,10 @@ fn a_link_without_a_schedule_is_probed_and_not_taken_for_lost() {
     let mut bench = Bench::with_config(Kind::Betaflight, config);
     bench.run(5_000_000);
     assert!(
-        matches!(bench.events.as_slice(), [Event::Identified(_)]),
+        matches!(
+            bench.events.as_slice(),
+            [Event::Identified(_), Event::Slow { .. }]
+        ),
         "{:?}",
         bench.events
     );
@@ -413,7 +417,7 @@ fn a_reader_that_was_held_up_finds_the_answers_that_waited_and_no_loss() {
 // ---- rates ----
 
 #[test]
-fn at_100_requests_a_second_rc_and_sensors_run_at_40_hz() {
+fn at_100_requests_a_second_rc_runs_at_40_hz_and_sensors_have_the_rest() {
     let mut bench = Bench::online(Kind::Betaflight);
     bench.rc_period_us = Some(25_000);
     bench.run(10_000_000);
@@ -422,8 +426,9 @@ fn at_100_requests_a_second_rc_and_sensors_run_at_40_hz() {
         (395..=401).contains(&served[&command::SET_RAW_RC]),
         "{served:?}"
     );
+    // 1000 slots, 400 of them RC, 50 status, 20 battery, 2 lists.
     assert!(
-        (380..=401).contains(&replies[&command::ATTITUDE]),
+        (520..=530).contains(&replies[&command::ATTITUDE]),
         "{replies:?}"
     );
     assert_eq!(replies[&command::ATTITUDE], replies[&command::RAW_IMU]);
@@ -532,7 +537,13 @@ fn rc_goes_on_at_10_hz_to_a_controller_that_cannot_be_heard() {
 
 #[test]
 fn the_clock_of_the_caller_may_be_the_deadline() {
-    let mut bench = Bench::online(Kind::Betaflight);
+    let config = Config {
+        fill_hz: 0,
+        ..Config::default()
+    };
+    let mut bench = Bench::with_config(Kind::Betaflight, config);
+    bench.run(500_000);
+    bench.events.clear();
     let mut wakes = 0;
     let end_us = bench.now_us + 10_000_000;
     while bench.now_us < end_us {
@@ -546,7 +557,9 @@ fn the_clock_of_the_caller_may_be_the_deadline() {
         bench.now_us = deadline_us;
         bench.service_us = 1;
         bench.step();
-        bench.step();
+        while bench.server.pending() > 0 {
+            bench.step();
+        }
         wakes += 1;
     }
     // 40 batches, 5 status, 2 battery a second, most of them together.

@@ -23,6 +23,8 @@ pub(super) enum Choice {
     OneOff,
     Probe,
     Rc,
+    /// A list that changes with the configuration.
+    Refresh,
     Schedule(Members),
 }
 
@@ -52,7 +54,24 @@ impl Link {
         self.rc.is_some()
             && self.identity.is_some()
             && outstanding < MAX_RC_OUTSTANDING[usize::from(self.is_mute)]
-            && self.load() <= self.config.max_outstanding
+            && self.load() <= self.depth()
+    }
+
+    /// Requests to keep outstanding, RC not counted. While spare slots are not filled there is no
+    /// telling how few would do.
+    fn depth(&self) -> usize {
+        if self.config.fill_hz == 0 || !self.is_online() {
+            self.config.max_outstanding
+        } else {
+            self.averages.depth.now().min(self.config.max_outstanding)
+        }
+    }
+
+    /// Nothing is to be sent now; if nothing is outstanding either, the controller gets a pause.
+    pub(super) fn rest(&mut self) {
+        if self.load() == 0 {
+            self.averages.on_pause();
+        }
     }
 
     /// Requests that wait at the controller; one that blocks it on purpose does not count.
@@ -70,7 +89,12 @@ impl Link {
     /// Whether a request that is not RC may go out.
     pub(super) fn has_room(&self) -> bool {
         if !self.is_mute {
-            return self.load() < self.config.max_outstanding;
+            // Beside RC there is always room for one, or RC alone would fill a slow controller.
+            let is_rc_only = self
+                .outstanding
+                .iter()
+                .all(|waiting| waiting.origin == Origin::Rc || blocks(waiting.command));
+            return self.load() < self.depth() + usize::from(is_rc_only && self.load() > 0);
         }
         // RC is unanswered as well then; it must not keep the probes away, nor the probes RC.
         let probes = self
@@ -119,9 +143,16 @@ impl Link {
         });
         let turn = self.turns.next(now_us, self.batches());
         let scheduled = turn.as_ref().map(|turn| turn.score);
-        let Some(most) = [one_off, identify, scheduled].into_iter().flatten().max() else {
+        let refresh = self
+            .refresh_due_us()
+            .filter(|_| !self.is_outstanding(&Origin::Refresh))
+            .and_then(|due_us| score(now_us, due_us, self.config.refresh_us, Priority::Slow));
+        let all = [one_off, identify, scheduled, refresh];
+        let Some(most) = all.into_iter().flatten().max() else {
             let is_quiet = self.outstanding.is_empty() && now_us >= self.probe_at_us();
-            return is_quiet.then_some((Choice::Probe, false));
+            let probe = is_quiet.then_some(Choice::Probe);
+            let spare = || self.fill(now_us).map(|turn| Choice::Schedule(turn.members));
+            return probe.or_else(spare).map(|choice| (choice, false));
         };
         if let Some(turn) = turn.filter(|turn| turn.score == most) {
             return Some((Choice::Schedule(turn.members), turn.is_overdue));
@@ -129,12 +160,25 @@ impl Link {
         if identify == Some(most) {
             return Some((Choice::Identify, true));
         }
+        if refresh == Some(most) {
+            return Some((Choice::Refresh, false));
+        }
         let waited = front.is_some_and(|front| {
             front
                 .since_us
                 .is_some_and(|since_us| now_us >= since_us + ONE_OFF_INTERVAL_US)
         });
         Some((Choice::OneOff, waited))
+    }
+
+    fn fill(&self, now_us: u64) -> Option<super::schedule::Turn> {
+        let pause_us = self.fill_pause_us()?;
+        self.turns.fill(now_us, pause_us, self.batches())
+    }
+
+    /// Time between two of the same fast request with spare slots, when those are used.
+    pub(super) fn fill_pause_us(&self) -> Option<u64> {
+        1_000_000_u64.checked_div(self.config.fill_hz.into())
     }
 
     pub(super) fn batches(&self) -> bool {
@@ -170,6 +214,7 @@ impl Link {
                 (identify.command(), Origin::Identify)
             }
             Choice::Probe => (command::API_VERSION, Origin::Probe),
+            Choice::Refresh => (self.refresh_command, Origin::Refresh),
             Choice::OneOff => {
                 let Some(front) = self.one_offs.front_mut() else {
                     return Ok(());

@@ -79,12 +79,12 @@ pub struct Decoder {
     counters: Counters,
 }
 
-/// What stands at the beginning of the held bytes.
+/// What stands at the beginning of some bytes.
 enum Head {
     /// Not a frame: drop one byte.
     Noise,
-    /// The start of a frame; more bytes are needed.
-    Partial,
+    /// The start of a frame, which needs so many bytes at least, its `$` included.
+    Partial(usize),
     /// Not a frame after all; whole length of what was announced.
     Bad(Fault, usize),
     /// A whole, well-formed frame.
@@ -106,6 +106,28 @@ struct Located {
     command: u16,
     payload: Range<usize>,
     length: usize,
+}
+
+impl Located {
+    fn frame<'a>(&self, bytes: &'a [u8]) -> Frame<'a> {
+        Frame {
+            framing: self.framing,
+            direction: self.direction,
+            flag: self.flag,
+            command: self.command,
+            payload: &bytes[self.payload.clone()],
+        }
+    }
+}
+
+/// Where the scan goes on.
+enum Step {
+    /// So many bytes further.
+    Skip(usize),
+    /// With the caller: here is a frame.
+    Yield(Located),
+    /// When there are so many bytes.
+    Wait(usize),
 }
 
 impl Decoder {
@@ -131,60 +153,46 @@ impl Decoder {
     }
 
     /// Takes bytes from the front of `input` until a frame is complete or `input` is empty. Call
-    /// until `None`.
-    pub fn decode(&mut self, input: &mut &[u8]) -> Option<Frame<'_>> {
+    /// until `None`. A frame that lies in one piece in `input` is borrowed from there, one that came
+    /// in several from the decoder.
+    pub fn decode<'f, 's: 'f, 'i: 'f>(&'s mut self, input: &mut &'i [u8]) -> Option<Frame<'f>> {
+        if self.held.is_empty()
+            && let Some((frame, length)) = self.at_once(input)
+        {
+            *input = &input[length..];
+            self.counters.frames += 1;
+            return Some(frame);
+        }
         let located = loop {
-            match self.head() {
-                Some(Head::Whole(located)) => {
-                    let frame_start = self.held.start;
-                    self.held.start += located.length;
-                    if self.accept.lets(located.direction) {
-                        self.counters.frames += 1;
-                        break Located {
-                            payload: located.payload.start + frame_start
-                                ..located.payload.end + frame_start,
-                            ..located
-                        };
+            if self.held.is_empty() {
+                let bytes = *input;
+                match self.step(bytes) {
+                    Step::Skip(count) => *input = &bytes[count..],
+                    Step::Yield(located) => {
+                        *input = &bytes[located.length..];
+                        return Some(located.frame(bytes));
                     }
-                    self.counters.wrong_direction += 1;
-                }
-                Some(Head::Bad(fault, length)) => {
-                    match fault {
-                        Fault::Checksum => self.counters.checksum += 1,
-                        Fault::Malformed => self.counters.malformed += 1,
-                        Fault::Oversize => self.counters.oversize += 1,
-                    }
-                    let whole_is_here = fault != Fault::Oversize;
-                    self.held.start += if self.resync == Resync::Skip && whole_is_here {
-                        length
-                    } else {
-                        1
-                    };
-                }
-                Some(Head::Noise) => self.skip_noise(),
-                Some(Head::Partial) | None => {
-                    if input.is_empty() {
+                    Step::Wait(_) => {
+                        self.take(input, bytes.len());
                         return None;
                     }
-                    self.take(input);
                 }
+                continue;
+            }
+            let held = self.held.clone();
+            match self.step_held() {
+                Step::Skip(count) => self.held.start += count,
+                Step::Yield(located) => {
+                    self.held.start += located.length;
+                    break (held, located);
+                }
+                Step::Wait(_) if input.is_empty() => return None,
+                // No more than this frame needs: what follows is read where it lies.
+                Step::Wait(needed) => self.take(input, needed - held.len()),
             }
         };
-        let Located {
-            framing,
-            direction,
-            flag,
-            command,
-            payload,
-            ..
-        } = located;
-        Some(Frame {
-            framing,
-            direction,
-            flag,
-            command,
-            payload: &self.buffer[payload],
-        })
+        let (held, located) = located;
+        Some(located.frame(&self.buffer[held]))
     }
 
     /// Gives up the frame that has begun and not ended, if any, and looks for frames in what
@@ -214,122 +222,214 @@ impl Decoder {
         &self.counters
     }
 
-    fn take(&mut self, input: &mut &[u8]) {
-        if self.held.end == self.buffer.len() || self.held.is_empty() {
-            self.buffer.copy_within(self.held.clone(), 0);
-            self.held = 0..self.held.len();
-        }
-        let room = &mut self.buffer[self.held.end..];
-        let (taken, rest) = input.split_at(room.len().min(input.len()));
-        room[..taken.len()].copy_from_slice(taken);
-        self.held.end += taken.len();
-        *input = rest;
-    }
-
-    fn skip_noise(&mut self) {
-        let held = &self.buffer[self.held.clone()];
-        // The first byte is known to begin no frame, even when it is `$`.
-        let noise = held
-            .iter()
-            .skip(1)
-            .position(|&byte| byte == b'$')
-            .map_or(held.len(), |position| position + 1);
-        self.held.start += noise;
-        self.counters.noise_bytes += noise as u64;
-    }
-
-    fn head(&self) -> Option<Head> {
-        let bytes = &self.buffer[self.held.clone()];
-        match bytes {
-            [] => None,
-            [b'$'] => Some(Head::Partial),
-            [b'$', b'M' | b'X'] => Some(Head::Partial),
-            [b'$', version @ (b'M' | b'X'), direction, ..] => {
-                Some(match Direction::from_byte(*direction) {
-                    None => Head::Noise,
-                    Some(direction) if *version == b'M' => self.v1(direction, bytes),
-                    Some(direction) => self.v2(direction, bytes),
-                })
-            }
-            _ => Some(Head::Noise),
-        }
-    }
-
-    fn v1(&self, direction: Direction, bytes: &[u8]) -> Head {
-        let (command, announced, start) = match *bytes {
-            [_, _, _, u8::MAX, command, low, high, ..] => {
-                (command, usize::from(u16::from_le_bytes([low, high])), 7)
-            }
-            [_, _, _, length, command, ..] if length != u8::MAX => {
-                (command, usize::from(length), 5)
-            }
-            _ => return Head::Partial,
+    /// The ordinary case, kept short because nearly every frame takes this way: `input` begins with a
+    /// good v1 or v2 frame of an accepted direction. The frame and its length. Whatever is not
+    /// ordinary is left to [`Head::of`].
+    #[inline]
+    fn at_once<'i>(&self, input: &'i [u8]) -> Option<(Frame<'i>, usize)> {
+        let [b'$', version, direction, third, fourth, ..] = *input else {
+            return None;
         };
-        let encapsulates = command == u8::MAX;
-        let limit = self.max_payload + if encapsulates { INNER_OVERHEAD } else { 0 };
-        let end = start + announced;
-        if announced > limit {
-            return Head::Bad(Fault::Oversize, end + 1);
-        }
-        let Some(&checksum) = bytes.get(end) else {
-            return Head::Partial;
+        let direction = Direction::from_byte(direction).filter(|&way| self.accept.lets(way))?;
+        let (framing, flag, command, place) = if version == b'M' {
+            let place = 5..5 + usize::from(third);
+            // A sum that includes the checksum itself is zero.
+            if third == u8::MAX || fourth == u8::MAX || xor(input.get(3..=place.end)?) != 0 {
+                return None;
+            }
+            (Framing::V1, 0, u16::from(fourth), place)
+        } else {
+            let &[fifth, low, high] = input.get(5..8)?.first_chunk()?;
+            let place = 8..8 + usize::from(u16::from_le_bytes([low, high]));
+            // So is a CRC.
+            if version != b'X' || crc8_dvb_s2(input.get(3..=place.end)?) != 0 {
+                return None;
+            }
+            (
+                Framing::V2,
+                third,
+                u16::from_le_bytes([fourth, fifth]),
+                place,
+            )
         };
-        if checksum != xor(&bytes[3..end]) {
-            return Head::Bad(Fault::Checksum, end + 1);
+        if place.len() > self.max_payload {
+            return None;
         }
-        if !encapsulates {
-            let command = command.into();
-            return Head::Whole(Located {
-                framing: Framing::V1,
-                direction,
-                flag: 0,
-                command,
-                payload: start..end,
-                length: end + 1,
-            });
-        }
-        let inner = &bytes[start..end];
-        let [flag, command_low, command_high, low, high, .., crc] = *inner else {
-            return Head::Bad(Fault::Malformed, end + 1);
-        };
-        if usize::from(u16::from_le_bytes([low, high])) != inner.len() - INNER_OVERHEAD {
-            return Head::Bad(Fault::Malformed, end + 1);
-        }
-        if crc != crc8_dvb_s2(&inner[..inner.len() - 1]) {
-            return Head::Bad(Fault::Checksum, end + 1);
-        }
-        let command = u16::from_le_bytes([command_low, command_high]);
-        Head::Whole(Located {
-            framing: Framing::V2OverV1,
+        let length = place.end + 1;
+        let frame = Frame {
+            framing,
             direction,
             flag,
             command,
-            payload: start + 5..end - 1,
+            payload: &input[place],
+        };
+        Some((frame, length))
+    }
+
+    /// Holds up to `wanted` bytes more.
+    fn take(&mut self, input: &mut &[u8], wanted: usize) {
+        let (taken, rest) = input.split_at(wanted.min(input.len()));
+        if self.held.end + taken.len() > self.buffer.len() {
+            self.buffer.copy_within(self.held.clone(), 0);
+            self.held = 0..self.held.len();
+        }
+        let end = self.held.end + taken.len();
+        self.buffer[self.held.end..end].copy_from_slice(taken);
+        self.held.end = end;
+        *input = rest;
+    }
+
+    fn step_held(&mut self) -> Step {
+        let head = Head::of(&self.buffer[self.held.clone()], self.max_payload);
+        let noise = matches!(head, Head::Noise).then(|| noise(&self.buffer[self.held.clone()]));
+        self.judge(head, noise)
+    }
+
+    fn step(&mut self, bytes: &[u8]) -> Step {
+        if bytes.is_empty() {
+            return Step::Wait(1);
+        }
+        let head = Head::of(bytes, self.max_payload);
+        let noise = matches!(head, Head::Noise).then(|| noise(bytes));
+        self.judge(head, noise)
+    }
+
+    /// Counts what was found and says where to go on.
+    fn judge(&mut self, head: Head, noise: Option<usize>) -> Step {
+        match head {
+            Head::Whole(located) if self.accept.lets(located.direction) => {
+                self.counters.frames += 1;
+                Step::Yield(located)
+            }
+            Head::Whole(located) => {
+                self.counters.wrong_direction += 1;
+                Step::Skip(located.length)
+            }
+            Head::Bad(fault, length) => {
+                match fault {
+                    Fault::Checksum => self.counters.checksum += 1,
+                    Fault::Malformed => self.counters.malformed += 1,
+                    Fault::Oversize => self.counters.oversize += 1,
+                }
+                let whole_is_here = fault != Fault::Oversize;
+                Step::Skip(if self.resync == Resync::Skip && whole_is_here {
+                    length
+                } else {
+                    1
+                })
+            }
+            Head::Noise => {
+                let count = noise.unwrap_or(1);
+                self.counters.noise_bytes += count as u64;
+                Step::Skip(count)
+            }
+            Head::Partial(needed) => Step::Wait(needed),
+        }
+    }
+}
+
+/// Bytes to drop. The first one is known to begin no frame, even when it is `$`.
+fn noise(bytes: &[u8]) -> usize {
+    let next = bytes.iter().skip(1).position(|&byte| byte == b'$');
+    next.map_or(bytes.len(), |position| position + 1)
+}
+
+impl Head {
+    #[inline]
+    fn of(bytes: &[u8], max_payload: usize) -> Self {
+        match *bytes {
+            [b'$', version @ (b'M' | b'X'), direction, ..] => match Direction::from_byte(direction)
+            {
+                None => Self::Noise,
+                Some(direction) if version == b'M' => Self::v1(direction, bytes, max_payload),
+                Some(direction) => Self::v2(direction, bytes, max_payload),
+            },
+            [b'$'] | [b'$', b'M' | b'X'] => Self::Partial(3),
+            _ => Self::Noise,
+        }
+    }
+
+    #[inline]
+    fn v1(direction: Direction, bytes: &[u8], max_payload: usize) -> Self {
+        let (command, announced, start) = match *bytes {
+            [_, _, _, length, command, ..] if length != u8::MAX => {
+                (command, usize::from(length), 5)
+            }
+            [_, _, _, u8::MAX, command, low, high, ..] => {
+                (command, usize::from(u16::from_le_bytes([low, high])), 7)
+            }
+            [_, _, _, u8::MAX, ..] => return Self::Partial(7),
+            _ => return Self::Partial(5),
+        };
+        let encapsulates = command == u8::MAX;
+        let limit = max_payload + if encapsulates { INNER_OVERHEAD } else { 0 };
+        let end = start + announced;
+        if announced > limit {
+            return Self::Bad(Fault::Oversize, end + 1);
+        }
+        let Some(summed) = bytes.get(3..=end) else {
+            return Self::Partial(end + 1);
+        };
+        // A sum that includes the checksum itself is zero.
+        if xor(summed) != 0 {
+            return Self::Bad(Fault::Checksum, end + 1);
+        }
+        if encapsulates {
+            return Self::v2_over_v1(direction, bytes, start..end);
+        }
+        Self::Whole(Located {
+            framing: Framing::V1,
+            direction,
+            flag: 0,
+            command: command.into(),
+            payload: start..end,
             length: end + 1,
         })
     }
 
-    fn v2(&self, direction: Direction, bytes: &[u8]) -> Head {
+    fn v2_over_v1(direction: Direction, bytes: &[u8], place: Range<usize>) -> Self {
+        let length = place.end + 1;
+        let inner = &bytes[place.clone()];
+        let [flag, command_low, command_high, low, high, .., crc] = *inner else {
+            return Self::Bad(Fault::Malformed, length);
+        };
+        if usize::from(u16::from_le_bytes([low, high])) != inner.len() - INNER_OVERHEAD {
+            return Self::Bad(Fault::Malformed, length);
+        }
+        if crc != crc8_dvb_s2(&inner[..inner.len() - 1]) {
+            return Self::Bad(Fault::Checksum, length);
+        }
+        Self::Whole(Located {
+            framing: Framing::V2OverV1,
+            direction,
+            flag,
+            command: u16::from_le_bytes([command_low, command_high]),
+            payload: place.start + 5..place.end - 1,
+            length,
+        })
+    }
+
+    #[inline]
+    fn v2(direction: Direction, bytes: &[u8], max_payload: usize) -> Self {
         let [_, _, _, flag, command_low, command_high, low, high, ..] = *bytes else {
-            return Head::Partial;
+            return Self::Partial(8);
         };
         let announced = usize::from(u16::from_le_bytes([low, high]));
         let end = 8 + announced;
-        if announced > self.max_payload {
-            return Head::Bad(Fault::Oversize, end + 1);
+        if announced > max_payload {
+            return Self::Bad(Fault::Oversize, end + 1);
         }
         let Some(&crc) = bytes.get(end) else {
-            return Head::Partial;
+            return Self::Partial(end + 1);
         };
         if crc != crc8_dvb_s2(&bytes[3..end]) {
-            return Head::Bad(Fault::Checksum, end + 1);
+            return Self::Bad(Fault::Checksum, end + 1);
         }
-        let command = u16::from_le_bytes([command_low, command_high]);
-        Head::Whole(Located {
+        Self::Whole(Located {
             framing: Framing::V2,
             direction,
             flag,
-            command,
+            command: u16::from_le_bytes([command_low, command_high]),
             payload: 8..end,
             length: end + 1,
         })

@@ -20,4 +20,13 @@ messages! {
         /// Betaflight: 1 = disable runaway take-off prevention too.
         disable_runaway_takeoff: Option<u8>,
     }
+
+    /// Sets the clock of the controller, which stamps its logs.
+    #[derive(Copy)]
+    SetRtc = SET_RTC {
+        /// Seconds since 1970, UTC.
+        seconds: u32,
+        /// Milliseconds of the second.
+        milliseconds: u16,
+    }
 }

@@ -69,6 +69,13 @@ messages! {
         yaw_motors_reversed: Option<u8>,
     }
 
+    /// Sensor hardware chosen, one number a sensor: accelerometer, barometer, magnetometer, then
+    /// whatever the firmware has. The numbers are the firmware's own.
+    SensorConfig = SENSOR_CONFIG {
+        /// Hardware by sensor.
+        hardware: ArrayVec<u8, 32>,
+    }
+
     /// Throttle limits in microseconds.
     MotorConfig = MOTOR_CONFIG {
         /// Idle when armed (0 in newer Betaflight).

@@ -22,6 +22,7 @@ messages! {
     #[derive(Copy)]
     FcVariant = FC_VARIANT {
         /// ASCII, no terminator.
+        #[serde(serialize_with = "crate::wire::characters")]
         variant: [u8; 4],
     }
 
@@ -40,6 +41,7 @@ messages! {
     /// Board and target. INAV ends after `target`, Cleanflight 1.x after `hardware_revision`.
     BoardInfo = BOARD_INFO {
         /// Board identifier, ASCII.
+        #[serde(serialize_with = "crate::wire::characters")]
         board: [u8; 4],
         /// Hardware revision of the board.
         hardware_revision: u16,
@@ -54,6 +56,7 @@ messages! {
         /// Betaflight: manufacturer id.
         manufacturer: Option<ShortText>,
         /// Betaflight: signature.
+        #[serde(serialize_with = "crate::wire::hexadecimal")]
         signature: Option<[u8; 32]>,
         /// Betaflight: processor type.
         mcu_type: Option<u8>,
@@ -72,10 +75,13 @@ messages! {
     /// When and from what the firmware was built.
     BuildInfo = BUILD_INFO {
         /// Date as the C compiler writes it, `Nov 22 2026`.
+        #[serde(serialize_with = "crate::wire::characters")]
         date: [u8; 11],
         /// Time, `04:31:33`.
+        #[serde(serialize_with = "crate::wire::characters")]
         time: [u8; 8],
         /// Revision, at least seven characters; some builds append bytes that are not text.
+        #[serde(serialize_with = "crate::wire::characters")]
         revision: ArrayVec<u8, 64>,
     }
 

@@ -10,8 +10,13 @@
 //! | [`power`] | battery |
 //! | [`rc`] | RC channels, motors |
 //! | [`config`] | mode ranges, receiver, features, failsafe |
-//! | [`action`] | reboot, arming lock |
+//! | [`action`] | reboot, arming lock, clock |
+//! | [`navigation`] | what the controller's own navigation does |
+//! | [`simulator`] | INAV with sensors from outside |
 //! | [`multiple`] | several questions in one frame |
+//!
+//! [`Reply`] is any reply and [`Order`] any request as one value. All of them are
+//! [`serde::Serialize`], for programs that print them.
 //!
 //! Rules that hold for every message:
 //! - integers are little endian;
@@ -24,27 +29,34 @@ pub mod action;
 pub mod config;
 pub mod identity;
 pub mod multiple;
+pub mod navigation;
+mod order;
 pub mod power;
 pub mod rc;
 mod reply;
 pub mod sensor;
+pub mod simulator;
 pub mod status;
 
-pub use action::{Reboot, SetArmingDisabled};
+pub use action::{Reboot, SetArmingDisabled, SetRtc};
 pub use config::{
     BoxIds, BoxNames, FailsafeConfig, FeatureConfig, MixerConfig, ModeRange, ModeRanges,
-    MotorConfig, RxConfig, RxMap, SetModeRange,
+    MotorConfig, RxConfig, RxMap, SensorConfig, SetModeRange,
 };
 pub use identity::{ApiVersion, BoardInfo, BuildInfo, FcVariant, FcVersion, Ident, Name, Uid};
+pub use navigation::{CompGps, NavStatus};
+pub use order::Order;
 pub use power::{Analog, BatteryState, InavAnalog};
-pub use rc::{Motor, Rc, SetMotor, SetRawRc};
+pub use rc::{Motor, Rc, Servo, SetMotor, SetRawRc};
 pub use reply::{Other, Reply};
 pub use sensor::{
-    Altitude, Attitude, AttitudeQuaternion, InavOpticalFlow, RawGps, RawImu, SensorOpticFlow,
-    SensorRangefinder, SetRawGps, SonarAltitude,
+    Altitude, Attitude, AttitudeQuaternion, InavAirSpeed, InavOpticalFlow, RawGps, RawImu,
+    SensorBaro, SensorCompass, SensorGps, SensorOpticFlow, SensorRangefinder, SetRawGps,
+    SonarAltitude,
 };
+pub use simulator::{SimulatorReply, SimulatorRequest};
 pub use status::{
-    BatteryProfiles, InavStatus, Status, StatusEx, StatusExTail, StatusHead, StatusTail,
+    BatteryProfiles, Debug, InavStatus, Status, StatusEx, StatusExTail, StatusHead, StatusTail,
 };
 
 use crate::wire::ParseError;
@@ -69,7 +81,7 @@ pub trait Message: Sized {
 macro_rules! messages {
     ($($(#[$meta:meta])* $name:ident = $command:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* })*) => {$(
         $(#[$meta])*
-        #[derive(Clone, Debug, Default, PartialEq, Eq)]
+        #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
         pub struct $name {
             $($(#[$field_meta])* pub $field: $type,)*
         }

@@ -32,6 +32,12 @@ messages! {
         motors_us: [u16; 8],
     }
 
+    /// Servo outputs.
+    Servo = SERVO {
+        /// Pulse widths in microseconds.
+        servos_us: ArrayVec<u16, MAX_CHANNELS>,
+    }
+
     /// Motor test values, obeyed only while disarmed. **They persist without time-out: always end
     /// with all 1000.**
     #[derive(Copy)]

@@ -2,15 +2,16 @@
 
 use super::{
     Altitude, Analog, ApiVersion, Attitude, AttitudeQuaternion, BatteryState, BoardInfo, BoxIds,
-    BoxNames, BuildInfo, FailsafeConfig, FcVariant, FcVersion, FeatureConfig, Ident, InavAnalog,
-    InavOpticalFlow, InavStatus, Message, MixerConfig, ModeRanges, Motor, MotorConfig, Name,
-    RawGps, RawImu, Rc, Reboot, RxConfig, RxMap, SonarAltitude, Status, StatusEx, Uid,
+    BoxNames, BuildInfo, CompGps, Debug, FailsafeConfig, FcVariant, FcVersion, FeatureConfig,
+    Ident, InavAirSpeed, InavAnalog, InavOpticalFlow, InavStatus, Message, MixerConfig, ModeRanges,
+    Motor, MotorConfig, Name, NavStatus, RawGps, RawImu, Rc, Reboot, RxConfig, RxMap, SensorConfig,
+    Servo, SimulatorReply, SonarAltitude, Status, StatusEx, Uid,
 };
 use crate::wire::ParseError;
 use arrayvec::ArrayVec;
 
-/// A well-framed reply that this crate has no struct for.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// A well-framed payload that this crate has no struct for.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Other {
     /// Command number.
     pub command: u16,
@@ -20,11 +21,22 @@ pub struct Other {
     pub payload: ArrayVec<u8, 512>,
 }
 
+impl Other {
+    pub(super) fn new(command: u16, payload: &[u8]) -> Self {
+        Self {
+            command,
+            length: payload.len(),
+            payload: payload.iter().copied().take(512).collect(),
+        }
+    }
+}
+
 macro_rules! replies {
     ($($message:ident),* $(,)?) => {
         /// What a flight controller answered, by command. Replies to `SET_` requests are empty and
         /// arrive as [`Reply::Ack`].
-        #[derive(Clone, Debug, PartialEq, Eq)]
+        #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+        #[serde(untagged)]
         pub enum Reply {
             $(#[doc = concat!("[`", stringify!($message), "`]")] $message($message),)*
             /// Done: the empty reply to a request that sets or starts something.
@@ -46,7 +58,7 @@ macro_rules! replies {
                 match command {
                     $($message::COMMAND => $message::parse(payload).map(Self::$message),)*
                     _ if payload.is_empty() => Ok(Self::Ack { command }),
-                    _ => Ok(Self::Other(Other { command, length: payload.len(), payload: payload.iter().copied().take(512).collect() })),
+                    _ => Ok(Self::Other(Other::new(command, payload))),
                 }
             }
 
@@ -79,9 +91,10 @@ macro_rules! replies {
 }
 
 replies! {
-    Altitude, Analog, ApiVersion, Attitude, AttitudeQuaternion, BatteryState, BoardInfo, BoxIds, BoxNames, BuildInfo, FailsafeConfig,
-    FcVariant, FcVersion, FeatureConfig, Ident, InavAnalog, InavOpticalFlow, InavStatus, MixerConfig, ModeRanges, Motor, MotorConfig,
-    Name, RawGps, RawImu, Rc, Reboot, RxConfig, RxMap, SonarAltitude, Status, StatusEx, Uid,
+    Altitude, Analog, ApiVersion, Attitude, AttitudeQuaternion, BatteryState, BoardInfo, BoxIds, BoxNames, BuildInfo, CompGps, Debug,
+    FailsafeConfig, FcVariant, FcVersion, FeatureConfig, Ident, InavAirSpeed, InavAnalog, InavOpticalFlow, InavStatus, MixerConfig,
+    ModeRanges, Motor, MotorConfig, Name, NavStatus, RawGps, RawImu, Rc, Reboot, RxConfig, RxMap, SensorConfig, Servo,
+    SimulatorReply, SonarAltitude, Status, StatusEx, Uid,
 }
 
 #[cfg(test)]

@@ -133,6 +133,84 @@ messages! {
         /// Body rate about y in deg/s.
         body_y_dps: i16,
     }
+
+    /// Air speed as INAV sees it.
+    #[derive(Copy)]
+    InavAirSpeed = INAV_AIR_SPEED {
+        /// Speed in cm/s.
+        airspeed_cms: u32,
+    }
+
+    /// GPS solution from us, 52 bytes, for a controller whose GPS provider is MSP.
+    #[derive(Copy)]
+    SensorGps = SENSOR_GPS {
+        /// Number of the receiver.
+        instance: u8,
+        /// GPS week, 0xFFFF unknown.
+        gps_week: u16,
+        /// Time of week in ms.
+        time_of_week_ms: u32,
+        /// 0 none, 2 2D, 3 3D.
+        fix: u8,
+        /// Satellites in use.
+        satellites: u8,
+        /// Horizontal accuracy in cm.
+        horizontal_accuracy_cm: u16,
+        /// Vertical accuracy in cm.
+        vertical_accuracy_cm: u16,
+        /// Accuracy of the horizontal speed in cm/s.
+        speed_accuracy_cms: u16,
+        /// Horizontal dilution of precision times 100.
+        hdop_e2: u16,
+        /// Longitude in 1e-7 degree.
+        lon_e7: i32,
+        /// Latitude in 1e-7 degree.
+        lat_e7: i32,
+        /// Altitude above mean sea level in cm.
+        altitude_cm: i32,
+        /// Velocity north, east, down in cm/s.
+        velocity_ned_cms: [i32; 3],
+        /// Course over ground in 0.01 degree.
+        course_cdeg: u16,
+        /// True heading in 0.01 degree, 65535 unknown.
+        yaw_cdeg: u16,
+        /// Year, UTC.
+        year: u16,
+        /// Month, day, hour, minute, second, UTC.
+        date_time: [u8; 5],
+    }
+
+    /// Magnetometer sample from us.
+    #[derive(Copy)]
+    SensorCompass = SENSOR_COMPASS {
+        /// Number of the sensor.
+        instance: u8,
+        /// Time stamp in ms.
+        time_ms: u32,
+        /// Field along x, y, z in mGauss.
+        field_mgauss: [i16; 3],
+    }
+
+    /// Barometer sample from us.
+    #[derive(Copy)]
+    SensorBaro = SENSOR_BARO {
+        /// Number of the sensor.
+        instance: u8,
+        /// Time stamp in ms.
+        time_ms: u32,
+        /// Pressure in Pa, the bits of an `f32`: [`SensorBaro::pressure_pa`].
+        pressure_pa_bits: u32,
+        /// Temperature in 0.01 degree Celsius.
+        temperature_cdegc: i16,
+    }
+}
+
+impl SensorBaro {
+    /// Pressure in Pa; any bit pattern may come, NaN among them.
+    #[must_use]
+    pub const fn pressure_pa(&self) -> f32 {
+        f32::from_bits(self.pressure_pa_bits)
+    }
 }
 
 #[cfg(test)]

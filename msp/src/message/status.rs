@@ -40,10 +40,17 @@ messages! {
         /// Mixer profile (INAV 7 and later).
         mixer_profile: Option<u8>,
     }
+
+    /// Values a developer of the firmware looks at; what they mean depends on `debug_mode`. Betaflight
+    /// 8, INAV 4 (the same bytes as two 32-bit numbers in newer ones).
+    Debug = DEBUG {
+        /// Values.
+        debug: ArrayVec<i16, 16>,
+    }
 }
 
 /// The 11 bytes every firmware sends.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct StatusHead {
     /// Control loop time in microseconds. 0 for seconds on end means that the controller's
     /// scheduler stands still.
@@ -60,7 +67,7 @@ pub struct StatusHead {
 }
 
 /// What Betaflight appends to STATUS and STATUS_EX.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct StatusTail {
     /// Active boxes from 32 on, eight per byte.
     pub more_mode_flags: ArrayVec<u8, 15>,
@@ -79,7 +86,7 @@ pub struct StatusTail {
 }
 
 /// Battery profiles of Betaflight (API 1.48).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct BatteryProfiles {
     /// How many there are.
     pub count: u8,
@@ -88,31 +95,36 @@ pub struct BatteryProfiles {
 }
 
 /// MSP_STATUS.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Status {
     /// The common part.
+    #[serde(flatten)]
     pub head: StatusHead,
     /// Betaflight only: processor load in percent.
     pub load_pct: Option<u16>,
     /// Betaflight only: gyro cycle time in microseconds (0 in current versions).
     pub gyro_cycle_us: Option<u16>,
     /// Betaflight only.
+    #[serde(flatten)]
     pub tail: Option<StatusTail>,
 }
 
 /// MSP_STATUS_EX.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct StatusEx {
     /// The common part.
+    #[serde(flatten)]
     pub head: StatusHead,
     /// Processor load in percent.
     pub load_pct: u16,
     /// What the firmware appends.
+    #[serde(flatten)]
     pub tail: StatusExTail,
 }
 
 /// What follows the load in STATUS_EX; the length of the payload tells which.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(untagged)]
 pub enum StatusExTail {
     /// Betaflight.
     Betaflight {
@@ -121,6 +133,7 @@ pub enum StatusExTail {
         /// Active rate profile.
         rate_profile: u8,
         /// The rest.
+        #[serde(flatten)]
         tail: StatusTail,
     },
     /// Nothing follows.

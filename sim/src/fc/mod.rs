@@ -1,14 +1,18 @@
-//! A flight controller that speaks MSP bytes and flies like Betaflight in ANGLE mode.
+//! A flight controller that speaks MSP bytes and flies like Betaflight, INAV, Cleanflight or MultiWii in ANGLE mode.
 //!
-//! It keeps the manners that were measured on Betaflight 4.6: one command per run of its serial task, 5 s of boot grace, an
-//! arm switch that latches, 0.15 / 0.30 / 1.5 s until a silent receiver is flagged, dropped and disarmed, motors that a test
-//! keeps turning, `!` for what it does not know.
+//! It keeps the manners that were measured on real firmware: one command per run of its serial task, a boot grace, an
+//! arm switch that latches, steps from the first missing RC frame to failsafe, motors that a test keeps turning, `!` for
+//! what it does not know, settings that only EEPROM_WRITE keeps and only a restart brings into force. What differs from
+//! firmware to firmware is in the table of [`Manner`].
 //!
 //! | Module | Holds |
 //! | --- | --- |
+//! | [`manner`] | the firmwares as rows of a table |
 //! | `uart` | bytes that take their time |
-//! | `receiver` | sticks by MSP and their freshness |
-//! | `arming` | blockers, latch, failsafe |
+//! | `settings` | what a configurator reads and writes |
+//! | `receiver` | sticks by MSP and by the pilot's radio, their freshness, override |
+//! | `cli` | the text command line behind `#` |
+//! | `arming` | causes, latch, failsafe |
 //! | `estimate` | attitude without a compass |
 //! | `stabilizer` | angle mode, rate loops, mixer |
 //! | `answers` | questions: the scale factors and axis flips of this boundary |
@@ -16,86 +20,72 @@
 
 mod answers;
 pub(crate) mod arming;
+mod cli;
 pub(crate) mod estimate;
+pub mod manner;
 mod orders;
 mod receiver;
+mod settings;
 mod stabilizer;
 pub(crate) mod uart;
 
 use crate::quad::Quad;
-use crate::sensor::{BARO_STEP_S, Baro, Imu};
+use crate::sensor::{BARO_STEP_S, Baro, Imu, Mag, MagneticField};
 use arming::{Arming, Situation};
+use cli::Cli;
 use core::time::Duration;
 use estimate::Estimate;
+use manner::Table;
 use msp::Server;
-use msp::message::ModeRange;
 use receiver::Receiver;
 use serde::{Deserialize, Serialize};
-use stabilizer::{Command, IDLE, Stabilizer};
+use settings::{Settings, Source};
+use stabilizer::{Command, Stabilizer};
+use std::sync::Arc;
 use uart::Uart;
 use vehicle::{Pace, Timestamp};
 
-/// Throttle below this counts as low, us.
-const MIN_CHECK_US: u16 = 1050;
 /// A reboot takes this long; the controller is silent meanwhile.
 const REBOOT: Duration = Duration::from_millis(1500);
-/// Slots of MSP_MODE_RANGES.
-const MODE_SLOTS: usize = 20;
+/// Saving takes this long; the controller is deaf meanwhile.
+const SAVE: Duration = Duration::from_millis(300);
+/// Frames of the pilot's radio a second.
+const RADIO_HZ: f64 = 50.0;
 
-/// Which firmware the flight controller pretends to be.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Firmware {
-    /// Betaflight 4.5.1, MSP API 1.46.
-    Betaflight45,
-    /// Betaflight 4.6.0, MSP API 1.47.
-    #[default]
-    Betaflight46,
-}
-
-impl Firmware {
-    const fn api_minor(self) -> u8 {
-        match self {
-            Self::Betaflight45 => 46,
-            Self::Betaflight46 => 47,
-        }
-    }
-
-    const fn version(self) -> (u8, u8, u8) {
-        match self {
-            Self::Betaflight45 => (4, 5, 1),
-            Self::Betaflight46 => (4, 6, 0),
-        }
-    }
-
-    /// Bits in `arming_disable`; the last one is ARM_SWITCH.
-    const fn arming_disable_count(self) -> u8 {
-        match self {
-            Self::Betaflight45 => 26,
-            Self::Betaflight46 => 29,
-        }
-    }
-}
+pub use manner::Manner;
+pub use receiver::Radio;
+pub use settings::Delivery;
 
 /// Settings of the fake flight controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FcConfig {
     /// Which firmware it pretends to be.
-    pub firmware: Firmware,
+    pub manner: Manner,
+    /// Its settings at the start.
+    pub delivery: Delivery,
+    /// `msp_override_channels_mask`: channels that MSP takes beside a radio while the override box is on; bit 0 roll, 1
+    /// pitch, 2 yaw, 3 throttle, 4 Aux1 ... 15 = the sticks.
+    pub override_mask: u32,
     /// `serial_update_rate_hz`: MSP commands it handles a second, 100..=2000 in Betaflight, 100 unless changed.
     /// More than 1000 count as 1000: the simulator's step is a millisecond.
     pub serial_rate_hz: u32,
     /// Speed of the UART, bits a second.
     pub baud: u32,
+    /// Whether it has a magnetometer. It is only reported: the controller's own heading stays that of its gyro, as one sets
+    /// it up for flight between steel.
+    pub mag: bool,
 }
 
 impl Default for FcConfig {
     fn default() -> Self {
         Self {
-            firmware: Firmware::default(),
+            manner: Manner::default(),
+            delivery: Delivery::default(),
+            override_mask: 15,
             serial_rate_hz: 100,
             baud: 115_200,
+            mag: true,
         }
     }
 }
@@ -104,6 +94,7 @@ impl Default for FcConfig {
 #[derive(Clone, Debug)]
 pub(crate) struct FlightController {
     config: FcConfig,
+    table: &'static Table,
     server: Server,
     uart: Uart,
     serial_task: Pace,
@@ -114,9 +105,17 @@ pub(crate) struct FlightController {
     stabilizer: Stabilizer,
     imu: Imu,
     baro: Baro,
+    mag: Option<Mag>,
     baro_task: Pace,
-    mode_ranges: [ModeRange; MODE_SLOTS],
-    features: u32,
+    radio: Option<Radio>,
+    hears_radio: bool,
+    radio_pace: Pace,
+    cli: Cli,
+    /// What runs, and what the eeprom holds.
+    settings: Settings,
+    saved: Settings,
+    /// Where sticks come from since the last start.
+    source: Source,
     /// Motor test by MSP_SET_MOTOR, us; stays until changed.
     motor_test_us: [u16; 4],
     motors: [f64; 4],
@@ -126,25 +125,40 @@ pub(crate) struct FlightController {
 }
 
 impl FlightController {
-    pub(crate) fn new(config: FcConfig, seed: u64, vehicle: usize, quad: &Quad) -> Self {
-        let mut mode_ranges = [ModeRange::default(); MODE_SLOTS];
-        mode_ranges[0] = ModeRange::from_us(msp::firmware::box_id::ARM, 0, 1700, 2100);
-        mode_ranges[1] = ModeRange::from_us(msp::firmware::box_id::ANGLE, 1, 900, 2100);
+    pub(crate) fn new(
+        config: FcConfig,
+        seed: u64,
+        vehicle: usize,
+        quad: &Quad,
+        field: &Arc<MagneticField>,
+    ) -> Self {
+        let table = config.manner.table();
+        let settings = Settings::new(table, &config);
+        let source = settings.source(table);
         Self {
             config,
+            table,
             server: Server::new(),
             uart: Uart::new(config.baud),
-            serial_task: Pace::hz(f64::from(config.serial_rate_hz.max(1))),
+            serial_task: Pace::hz(f64::from(settings.serial_rate_hz.max(1))),
             silent_until: Timestamp::ZERO,
-            receiver: Receiver::new(),
-            arming: Arming::new(Timestamp::ZERO, config.firmware),
+            receiver: Receiver::new(&table.receiver, table.beside_radio, source),
+            arming: Arming::new(Timestamp::ZERO, &table.arming),
             estimate: Estimate::new(seed, vehicle, quad.attitude().yaw()),
             stabilizer: Stabilizer::default(),
             imu: Imu::new(seed, vehicle),
             baro: Baro::new(seed, vehicle, quad.height_m()),
+            mag: config
+                .mag
+                .then(|| Mag::new(seed, vehicle, Arc::clone(field))),
             baro_task: Pace::hz(1.0 / BARO_STEP_S),
-            mode_ranges,
-            features: answers::FEATURES,
+            radio: None,
+            hears_radio: false,
+            radio_pace: Pace::hz(RADIO_HZ),
+            cli: Cli::default(),
+            saved: settings.clone(),
+            settings,
+            source,
             motor_test_us: [1000; 4],
             motors: [0.0; 4],
             payload: Vec::with_capacity(512),
@@ -165,7 +179,7 @@ impl FlightController {
         } else if self.serial_task.is_due(now) {
             self.serve(now, quad);
         }
-        self.receiver.age(now);
+        self.receive_radio(now);
         self.update_arming(now, quad);
         self.motors = self.drive(quad);
         self.motors
@@ -173,25 +187,65 @@ impl FlightController {
 
     fn serve(&mut self, now: Timestamp, quad: &Quad) {
         while let Some(byte) = self.uart.receive(now) {
-            self.server.handle(&[byte]);
+            if self.cli.is_open {
+                self.type_cli(now, byte);
+            } else if byte == b'#' && !self.server.has_partial() {
+                self.open_cli();
+            } else {
+                self.server.handle(&[byte]);
+            }
+        }
+        if !self.cli.out.is_empty() {
+            let out = core::mem::take(&mut self.cli.out);
+            self.uart.send(now, out.as_bytes());
         }
         // One command per run, however many wait.
-        if let Some(request) = self.server.pop() {
+        if !self.cli.is_open
+            && let Some(request) = self.server.pop()
+        {
             self.carry_out(now, &request, quad);
             self.uart.send(now, self.server.output());
             self.server.clear_output();
         }
     }
 
+    /// Hears the pilot and mixes their sticks with those of MSP.
+    fn receive_radio(&mut self, now: Timestamp) {
+        if let Some(radio) = &self.radio
+            && self.radio_pace.is_due(now)
+        {
+            self.receiver.hear(now, radio);
+        }
+        let id = msp::firmware::box_id::MSP_OVERRIDE;
+        let box_on = self.is_box_on(id);
+        let ranges = &self.settings.mode_ranges;
+        let range = ranges.iter().find(|r| r.is_used() && r.permanent_id == id);
+        let switch = range.map(|r| 4 + usize::from(r.aux));
+        let mask = self.settings.override_mask;
+        self.receiver.update(now, mask, box_on, switch);
+        self.hears_radio = self.receiver.signal(now);
+    }
+
     fn update_arming(&mut self, now: Timestamp, quad: &Quad) {
         let was_armed = self.arming.is_armed();
+        let failsafe = &self.settings.failsafe;
+        let delay = Duration::from_millis(100 * u64::from(failsafe.delay_ds));
+        let blocking = self.table.arming.blocking_boxes.iter();
+        let blocking_boxes = blocking
+            .filter(|(id, _)| self.is_box_on(*id))
+            .fold(0, |bits, (_, bit)| bits | bit);
         self.arming.update(&Situation {
             now,
             arm_switch: self.is_box_on(msp::firmware::box_id::ARM),
-            throttle_low: self.receiver.channels_us()[3] < MIN_CHECK_US,
+            throttle_low: self.receiver.channels_us()[3] < self.settings.rx.min_check_us,
             tilt_cos: quad.tilt_cos(),
             receiver_ok: self.receiver.is_ok(now),
-            receiver_lost: self.receiver.is_lost(now),
+            receiver_lost: self.receiver.is_lost(now, delay),
+            failsafe_drops: failsafe.procedure != 0,
+            landing: Duration::from_millis(100 * u64::from(failsafe.landing_time)),
+            needs_reboot: self.needs_reboot(),
+            in_cli: self.cli.is_open,
+            blocking_boxes,
         });
         if self.arming.is_armed() && !was_armed {
             self.baro.zero();
@@ -205,19 +259,30 @@ impl FlightController {
                 .motor_test_us
                 .map(|us| (f64::from(us) - 1000.0).clamp(0.0, 1000.0) / 1000.0);
         }
-        let command = Command {
-            sticks: self.receiver.sticks(),
+        let rules = &self.table.sticks;
+        let min_check_us = self.settings.rx.min_check_us;
+        let mut command = Command {
+            sticks: self.receiver.sticks(min_check_us),
             angle_mode: self.is_box_on(msp::firmware::box_id::ANGLE),
+            rules,
         };
+        if self.arming.is_failsafe() {
+            // Landing blindly: level, at the throttle of the failsafe configuration.
+            let low = f64::from(min_check_us);
+            let lift = (f64::from(self.settings.failsafe.throttle_us) - low) / (2000.0 - low);
+            command.sticks = [0.0, 0.0, 0.0, lift.clamp(0.0, 1.0)];
+            command.angle_mode = true;
+        }
         let (roll, pitch) = (self.estimate.roll(), self.estimate.pitch());
         let motors = self.stabilizer.step(&command, roll, pitch, &quad.rates());
-        motors.map(|m| m.clamp(IDLE, 1.0))
+        let [idle, full] = rules.motors;
+        motors.map(|m| m.clamp(idle, full))
     }
 
     /// Whether a switch selects the box.
     fn is_box_on(&self, permanent_id: u8) -> bool {
         let aux_us = &self.receiver.channels_us()[4..];
-        self.mode_ranges.iter().any(|range| {
+        self.settings.mode_ranges.iter().any(|range| {
             range.is_used()
                 && range.permanent_id == permanent_id
                 && aux_us
@@ -245,12 +310,37 @@ impl FlightController {
         self.estimate.carried(yaw_rad);
     }
 
+    /// What the loops fly.
+    pub(crate) const fn used_sticks_us(&self) -> [u16; 4] {
+        let [roll, pitch, yaw, throttle, ..] = *self.receiver.channels_us();
+        [roll, pitch, yaw, throttle]
+    }
+
+    /// The pilot's transmitter: switched on with these sticks, moved, or off.
+    pub(crate) const fn set_radio(&mut self, radio: Option<Radio>) {
+        self.radio = radio;
+    }
+
+    /// Settings wait for a restart.
+    fn needs_reboot(&self) -> bool {
+        self.settings.source(self.table) != self.source
+    }
+
+    fn save(&mut self, now: Timestamp) {
+        self.saved = self.settings.clone();
+        self.silent_until = now + SAVE;
+    }
+
     fn reboot(&mut self, now: Timestamp) {
         self.silent_until = now + REBOOT;
         self.uart.clear();
         self.server = Server::new();
-        self.arming = Arming::new(now, self.config.firmware);
-        self.receiver = Receiver::new();
+        self.settings = self.saved.clone();
+        self.source = self.settings.source(self.table);
+        self.serial_task = Pace::hz(f64::from(self.settings.serial_rate_hz.max(1)));
+        self.arming = Arming::new(now, &self.table.arming);
+        self.receiver = Receiver::new(&self.table.receiver, self.table.beside_radio, self.source);
         self.motor_test_us = [1000; 4];
+        self.cli = Cli::default();
     }
 }

@@ -6,7 +6,7 @@
 //! | `sonar` | HC-SR04 | ring table | time of the echo; 38 ms without one |
 //! | `down` | VL53L1X looking down | 40 Hz | 20 ms |
 //! | `flow` | PMW3901 | 50 Hz | 15 ms |
-//! | `imu`, `baro` | on the flight controller | asked by MSP | serial task and wire |
+//! | `imu`, `baro`, `mag` | on the flight controller | asked by MSP | serial task and wire |
 //!
 //! Every sample carries the time it was measured; it is handed over later, by its latency.
 
@@ -14,6 +14,7 @@ mod baro;
 mod down;
 mod flow;
 mod imu;
+mod mag;
 mod ranger;
 mod sonar;
 mod tof;
@@ -23,10 +24,12 @@ pub(crate) use baro::{BARO_STEP_S, Baro};
 pub(crate) use down::DownRanger;
 pub(crate) use flow::FlowCamera;
 pub(crate) use imu::Imu;
+pub(crate) use mag::{Mag, MagneticField};
 pub(crate) use ranger::Ranger;
 pub(crate) use view::View;
 
 pub use down::{DOWN_HZ, DOWN_LATENCY};
 pub use flow::{FLOW_HZ, FLOW_LATENCY};
+pub use mag::MAG_COUNTS_PER_GAUSS;
 pub use sonar::SONAR_SILENCE;
 pub use tof::TOF_LATENCY;

@@ -40,7 +40,8 @@ impl Pilot {
 
     pub fn send(&mut self, id: u16, payload: &[u8]) {
         let mut wire = Vec::new();
-        encode(Framing::V1, Direction::Request, id, payload, &mut wire).unwrap();
+        let framing = if id < 255 { Framing::V1 } else { Framing::V2 };
+        encode(framing, Direction::Request, id, payload, &mut wire).unwrap();
         self.sim.write_fc(self.vehicle, &wire);
     }
 

@@ -8,7 +8,7 @@ use mavlink_dialect::standard::{
     ALTITUDE_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, ESTIMATOR_STATUS_DATA,
     EstimatorStatusFlags, GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType, HIGHRES_IMU_DATA,
     HOME_POSITION_DATA, HighresImuUpdatedFlags, LOCAL_POSITION_NED_DATA, MavEstimatorType,
-    MavFrame, MavMessage, ODOMETRY_DATA, SCALED_IMU_DATA, VFR_HUD_DATA,
+    MavFrame, MavMessage, ODOMETRY_DATA, RAW_IMU_DATA, SCALED_IMU_DATA, VFR_HUD_DATA,
 };
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::{Frd, In, Ned, Rot};
@@ -345,6 +345,7 @@ pub(super) fn highres_imu(v: &View<'_>, out: &mut Vec<Message>) {
             xgyro: imu.gyro_radps.x() as f32,
             ygyro: imu.gyro_radps.y() as f32,
             zgyro: imu.gyro_radps.z() as f32,
+            // MSP does not tell the scale of the magnetometer: its counts are in RAW_IMU.
             xmag: f32::NAN,
             ymag: f32::NAN,
             zmag: f32::NAN,
@@ -373,6 +374,30 @@ pub(super) fn scaled_imu(v: &View<'_>, out: &mut Vec<Message>) {
             ygyro: milli_radps(imu.gyro_radps.y()),
             zgyro: milli_radps(imu.gyro_radps.z()),
             ..SCALED_IMU_DATA::default()
+        })
+        .into(),
+    );
+}
+
+/// Accelerometer and gyro as in SCALED_IMU (as other autopilots send them), the magnetometer in its own counts.
+pub(super) fn raw_imu(v: &View<'_>, out: &mut Vec<Message>) {
+    let Some(imu) = v.snapshot.imu else { return };
+    let milli_g = |mps2: f64| to_i16(mps2 / GRAVITY_MPS2 * 1e3);
+    let milli_radps = |radps: f64| to_i16(radps * 1e3);
+    let mag = imu.mag.unwrap_or_default();
+    out.push(
+        MavMessage::RAW_IMU(RAW_IMU_DATA {
+            time_usec: imu.at.us(),
+            xacc: milli_g(imu.accel_mps2.x()),
+            yacc: milli_g(imu.accel_mps2.y()),
+            zacc: milli_g(imu.accel_mps2.z()),
+            xgyro: milli_radps(imu.gyro_radps.x()),
+            ygyro: milli_radps(imu.gyro_radps.y()),
+            zgyro: milli_radps(imu.gyro_radps.z()),
+            xmag: to_i16(mag.x()),
+            ymag: to_i16(mag.y()),
+            zmag: to_i16(mag.z()),
+            ..RAW_IMU_DATA::default()
         })
         .into(),
     );

@@ -51,6 +51,7 @@ pub(super) const TABLE: &[Row] = &[
     row(2, 1.0, status::system_time),
     row(24, 1.0, pose::gps_raw_int),
     row(26, 0.0, pose::scaled_imu),
+    row(27, 0.0, pose::raw_imu),
     row(30, 20.0, pose::attitude),
     row(31, 10.0, pose::attitude_quaternion),
     row(32, 20.0, pose::local_position_ned),

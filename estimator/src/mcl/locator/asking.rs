@@ -10,6 +10,11 @@ use vehicle::MapPose;
 /// scan are correlated, so each counts [`READING_WEIGHT`].
 const DECISIVE: f64 = 3.0;
 const READING_WEIGHT: f64 = 0.25;
+/// For the published share each counts this much: as an estimate, not as a reason to fly.
+const CLAIM_WEIGHT: f64 = 0.5;
+/// The published place is refuted if another is better by this much, and explains this much more of the returns.
+const REFUTED: f64 = 6.0;
+const REFUTED_FIT: f64 = 0.1;
 /// Unanswered for this long, a search is asked again, s.
 const ANSWER_S: f64 = 10.0;
 
@@ -18,7 +23,8 @@ impl Locator {
     pub fn poll_job(&mut self) -> Option<SearchRequest> {
         let wants = match self.phase {
             Phase::Searching | Phase::Lost => true,
-            Phase::Confirming | Phase::Localized => false,
+            Phase::Localized => self.is_doubted,
+            Phase::Confirming => false,
         };
         let (now, _) = self.updated?;
         let waits = self
@@ -31,15 +37,13 @@ impl Locator {
         let id = self.next_id;
         self.next_id = self.next_id.wrapping_add(1);
         self.asked = Some((id, now));
-        let (ray_std_m, cone_std_m, random_share) = self.search_params;
         Some(SearchRequest {
             id,
             field: Arc::clone(self.filter.field()),
             readings,
             reference,
-            ray_std_m,
-            cone_std_m,
-            random_share,
+            held: self.held.filter(|_| self.phase == Phase::Localized),
+            noise: self.noise,
         })
     }
 
@@ -55,14 +59,37 @@ impl Locator {
         let since = result.reference.step_to(&odometry);
         let here = |pose: MapPose| Planar::from(pose).then(&since);
         let readings = result.readings * READING_WEIGHT;
+        if self.phase == Phase::Localized {
+            let Some(held) = result.held else {
+                return;
+            };
+            let advantage = (best.score - held.score) * readings;
+            let is_same = Planar::from(held.pose).is_near(&best.pose.into(), SAME_M, SAME_RAD);
+            if is_same {
+                self.is_doubted = false;
+            }
+            if is_same
+                || advantage < REFUTED
+                || best.fit < self.good_fit
+                || best.fit < held.fit + REFUTED_FIT
+            {
+                return;
+            }
+            // The same walls are seen much better from elsewhere: somebody carried the vehicle.
+            self.lose();
+        }
         let margin = result.peaks.get(1).map_or(f64::INFINITY, |second| {
             (best.score - second.score) * readings
         });
         let is_decisive = margin >= DECISIVE && best.fit >= self.good_fit;
+        let share = |score: f64| libm::exp(((score - best.score) * readings).max(-20.0));
+        let claim = |score: f64| libm::exp((score - best.score) * result.readings * CLAIM_WEIGHT);
+        let all: f64 = result.peaks.iter().map(|p| claim(p.score)).sum();
         let agrees = self
             .held
             .is_some_and(|held| held.is_near(&here(best.pose), SAME_M, SAME_RAD));
         if agrees {
+            self.search_share = 1.0 / all;
             self.agreements += u32::from(is_decisive);
             // A place that the particles were sent to by a search that could not decide is not confirmed by another.
             self.disagrees &= !(is_decisive || self.is_continuous);
@@ -70,7 +97,7 @@ impl Locator {
         }
         self.agreements = u32::from(is_decisive && self.phase == Phase::Searching);
         self.disagrees = true;
-        let share = |score: f64| libm::exp(((score - best.score) * readings).max(-20.0));
+        self.search_share = 0.0;
         let peaks = result
             .peaks
             .iter()
@@ -83,6 +110,7 @@ impl Locator {
         self.filter.start_at_peaks(peaks, portion);
         if self.phase == Phase::Searching {
             self.held = Some(here(best.pose));
+            self.search_share = 1.0 / all;
             self.is_continuous = false;
             self.rival = None;
         }

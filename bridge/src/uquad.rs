@@ -1,0 +1,314 @@
+//! uQuad's whole loop on one page: frame, reading, filter, law, motor speeds.
+//!
+//! A craft that flies by motor speeds, or a recording of one. Sans-IO: frames with their time go in, one [`Step`] per reading comes out, and what a pilot should
+//! hear. `kestrel eval uquad` drives it.
+
+use control::integral::IntegralAction;
+use control::proportional::{ErrorLimits, Gains};
+use control::state_feedback::{StateFeedback, StateSetpoint};
+use core::fmt;
+use estimator::imu::angles::URUGUAY_DECLINATION_RAD;
+use estimator::imu::period::{PeriodFault, SamplingPeriod};
+use estimator::imu::{
+    Build, Calibration, ChainConfig, ConfigError, ImuChain, ImuEvent, RawFrame, Reading, Reference,
+    Smoothing,
+};
+use estimator::thesis::{
+    Channel, Refusal, StateSet, ThesisConfig, ThesisError, ThesisFilter, ThesisInput,
+};
+use nalgebra::Vector3;
+use vehicle::Timestamp;
+
+/// Fastest a motor turns, rad/s.
+const MAX_SPEED_RADPS: f64 = 387.0;
+/// Fastest the motor driver accepts (I2C 220), rad/s: the real limit.
+const DRIVER_SPEED_RADPS: f64 = 368.16;
+
+/// How the loop works.
+#[derive(Clone, Debug)]
+pub struct UquadConfig {
+    /// The inertial unit.
+    pub imu: ChainConfig,
+    /// The filter.
+    pub filter: ThesisConfig,
+    /// Proportional gains.
+    pub gains: Gains,
+    /// Integral action, if any.
+    pub integral: Option<IntegralAction>,
+    /// Speeds that hover, rad/s.
+    pub hover_radps: f64,
+    /// Speeds the filter believes in its first step, rad/s.
+    pub first_speeds_radps: f64,
+    /// Speeds that are commanded, rad/s.
+    pub speed_range_radps: (f64, f64),
+    /// When the loop begins.
+    pub start: Start,
+}
+
+/// When the loop begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start {
+    /// With the first reading after the start-up calibration, at its attitude and accelerometer bias.
+    Calibrated,
+    /// With a given frame, all states zero and height zero at a given pressure, without calibration.
+    AtFrame {
+        /// Frames before.
+        frame: u32,
+        /// Pressure of height zero, Pa.
+        reference_pa: f64,
+    },
+}
+
+impl UquadConfig {
+    /// The final program with corrected equations: hover at the place of the start, gains `K_prop_pptz`.
+    #[must_use]
+    pub fn corrected() -> Self {
+        let filter = ThesisConfig::default();
+        let hover = filter.craft.hover_speed_radps();
+        Self {
+            imu: ChainConfig::default(),
+            filter,
+            gains: Gains::from_pattern(&Gains::K_PROP_PPTZ),
+            integral: None,
+            hover_radps: hover,
+            first_speeds_radps: hover,
+            speed_range_radps: speed_range(hover),
+            start: Start::Calibrated,
+        }
+    }
+
+    /// The run recorded on 23 March 2012: its misprints, its 8-frame mean, its law, and the idle speed that was 50 I2C units but given as rad/s.
+    #[must_use]
+    pub fn march_2012() -> Self {
+        Self {
+            imu: ChainConfig {
+                smoothing: Smoothing::MeanOfConverted(8),
+                declination_rad: URUGUAY_DECLINATION_RAD,
+                build: Build::March2012,
+                ..ChainConfig::default()
+            },
+            filter: ThesisConfig::march_2012(),
+            gains: Gains::from_pattern(&Gains::MARCH_2012),
+            integral: None,
+            hover_radps: 334.28,
+            first_speeds_radps: 50.0,
+            speed_range_radps: (0.0, 1000.0),
+            start: Start::AtFrame {
+                frame: 200,
+                reference_pa: 101_205.0,
+            },
+        }
+    }
+}
+
+/// Slowest and fastest commanded speed around a hover speed, rad/s: as far below it as the fastest motor is above.
+#[must_use]
+pub fn speed_range(hover_radps: f64) -> (f64, f64) {
+    let slowest = (2.0 * hover_radps - MAX_SPEED_RADPS).clamp(0.0, DRIVER_SPEED_RADPS);
+    (slowest, DRIVER_SPEED_RADPS)
+}
+
+/// Why a configuration is refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum UquadError {
+    /// The inertial unit.
+    #[error(transparent)]
+    Imu(#[from] ConfigError),
+    /// The filter.
+    #[error(transparent)]
+    Filter(#[from] ThesisError),
+    /// The reduced set with gains for what it does not estimate.
+    #[error("states = 8 and gains for x, y, vqx or vqy: these gains need states = 12")]
+    GainsNeedTwelveStates,
+    /// Speeds that no motor turns at.
+    #[error("motor speeds {0}..{1} rad/s: the slower comes first, both within 0-1000")]
+    SpeedRange(f64, f64),
+}
+
+/// One turn of the loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Number of the newest frame, from 0.
+    pub frame: u32,
+    /// Period by the board's clock, us.
+    pub elapsed_us: u64,
+    /// What was measured.
+    pub reading: Reading,
+    /// The estimate: 12 states and 3 biases.
+    pub state: [f64; 15],
+    /// Motor speeds commanded, rad/s.
+    pub speeds_radps: [f64; 4],
+}
+
+/// What a pilot should hear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Said {
+    /// The inertial unit.
+    Imu(ImuEvent),
+    /// An input of the filter was left out.
+    LeftOut(Channel),
+    /// The sampling period.
+    Period(PeriodFault),
+    /// The filter refused a step.
+    Refused(Refusal),
+    /// Ten timing errors: the loop ends.
+    Stopped,
+}
+
+impl fmt::Display for Said {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Imu(e) => e.fmt(f),
+            Self::LeftOut(c) => write!(f, "the filter leaves the {c} out"),
+            Self::Period(p) => p.fmt(f),
+            Self::Refused(r) => r.fmt(f),
+            Self::Stopped => f.write_str("stopped: ten timing errors"),
+        }
+    }
+}
+
+/// The loop.
+#[derive(Clone, Debug)]
+pub struct Uquad {
+    imu: ImuChain,
+    filter: ThesisFilter,
+    law: StateFeedback,
+    setpoint: StateSetpoint,
+    speed_range_radps: (f64, f64),
+    speeds_radps: [f64; 4],
+    period: SamplingPeriod,
+    start: Start,
+    frames: u32,
+    is_running: bool,
+    is_stopped: bool,
+}
+
+impl Uquad {
+    /// A loop that waits for its start.
+    ///
+    /// # Errors
+    /// The setting that cannot be, with the rule.
+    pub fn new(calibration: Calibration, config: UquadConfig) -> Result<Self, UquadError> {
+        let horizontal = [0, 1, 6, 7].map(|i| config.gains.matrix.column(i).amax());
+        if config.filter.states == StateSet::Reduced && horizontal.iter().any(|&g| g > 0.0) {
+            return Err(UquadError::GainsNeedTwelveStates);
+        }
+        let filter = ThesisFilter::new(config.filter)?;
+        let (slowest, fastest) = config.speed_range_radps;
+        // False for NaN.
+        if !(0.0 <= slowest && slowest <= fastest && fastest <= 1000.0) {
+            return Err(UquadError::SpeedRange(slowest, fastest));
+        }
+        let mut imu = ImuChain::new(calibration, config.imu)?;
+        if let Start::AtFrame { reference_pa, .. } = config.start {
+            imu.set_reference(Reference {
+                reference_pa,
+                // No calibration, no field to compare with: a flag that only the dynamic covariance would use.
+                mag_norm: 1.0,
+                ..Reference::default()
+            });
+        }
+        Ok(Self {
+            imu,
+            filter,
+            law: StateFeedback {
+                gains: config.gains,
+                limits: ErrorLimits::default(),
+                integral: config.integral,
+            },
+            setpoint: StateSetpoint {
+                state: [0.0; 12],
+                speeds_radps: [config.hover_radps; 4],
+            },
+            speed_range_radps: config.speed_range_radps,
+            speeds_radps: [config.first_speeds_radps; 4],
+            period: SamplingPeriod::default(),
+            start: config.start,
+            frames: 0,
+            is_running: false,
+            is_stopped: false,
+        })
+    }
+
+    /// Takes one frame; answers when it made a step. What there is to say goes to `say`.
+    pub fn frame(
+        &mut self,
+        now: Timestamp,
+        frame: RawFrame,
+        say: &mut dyn FnMut(Said),
+    ) -> Option<Step> {
+        let number = self.frames;
+        self.frames = self.frames.saturating_add(1);
+        self.imu.frame(now, frame);
+        while let Some(event) = self.imu.poll() {
+            say(Said::Imu(event));
+        }
+        let reading = self.imu.take()?;
+        if self.is_stopped || !self.has_begun(number) {
+            return None;
+        }
+        let judged = self.period.judge(reading.elapsed_us as f64 * 1e-6);
+        if let Some(fault) = judged.fault.filter(|_| judged.is_worth_saying) {
+            say(Said::Period(fault));
+        }
+        if self.period.must_stop() {
+            self.is_stopped = true;
+            say(Said::Stopped);
+            return None;
+        }
+        let input = ThesisInput::from(&reading);
+        match self.filter.step(judged.used_s, &self.speeds_radps, &input) {
+            Ok(left_out) => left_out.into_iter().for_each(|c| say(Said::LeftOut(c))),
+            Err(refusal) => {
+                say(Said::Refused(refusal));
+                return None;
+            }
+        }
+        let (slowest, fastest) = self.speed_range_radps;
+        self.speeds_radps = self
+            .law
+            .act(&self.setpoint, &self.filter.twelve(), judged.used_s)
+            .map(|w| w.clamp(slowest, fastest));
+        Some(Step {
+            frame: number,
+            elapsed_us: reading.elapsed_us,
+            reading,
+            state: (*self.filter.state()).into(),
+            speeds_radps: self.speeds_radps,
+        })
+    }
+
+    fn has_begun(&mut self, number: u32) -> bool {
+        if self.is_running {
+            return true;
+        }
+        match self.start {
+            Start::AtFrame { frame, .. } => self.is_running = number >= frame,
+            Start::Calibrated => {
+                let Some(reference) = self.imu.reference() else {
+                    return false;
+                };
+                self.filter.start_at(reference, Vector3::zeros());
+                // Hover where it stands, facing where it faces.
+                self.setpoint.state[5] = reference.angles.theta_rad;
+                self.is_running = true;
+            }
+        }
+        self.is_running
+    }
+
+    /// True after ten timing errors.
+    #[must_use]
+    pub const fn is_stopped(&self) -> bool {
+        self.is_stopped
+    }
+
+    /// The inertial unit.
+    #[must_use]
+    pub const fn imu(&self) -> &ImuChain {
+        &self.imu
+    }
+}
+
+#[cfg(test)]
+mod tests;
