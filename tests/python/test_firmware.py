@@ -270,6 +270,8 @@ def armed_is_refused(firmware, saved):
         assert line.ask(msp.STATUS)[6] & 1, "it was disarmed"
         assert line.ask(msp.MODE_RANGES) == before
         firmware.channels[4] = 1000
+        time.sleep(0.5)
+        assert not line.ask(msp.STATUS)[6] & 1, "still armed"
         firmware.sends_rc = False
         line.ask(msp.REBOOT)
     time.sleep(1.5)

@@ -33,6 +33,9 @@ pub(super) fn run(args: &RestoreArgs) -> Result<ExitCode> {
     let wanted = backup.settings()?;
     let mut line = args.line.open()?;
     let survey = Survey::take(&mut line)?;
+    if survey.is_armed && !args.dry_run {
+        return Err(ApplyError::Armed.into());
+    }
     let orders = backup.writes(&survey, args.other_board)?;
     say(&format!(
         "{}, saved from {}",
@@ -47,9 +50,6 @@ pub(super) fn run(args: &RestoreArgs) -> Result<ExitCode> {
     }
     if args.dry_run {
         return Ok(ExitCode::SUCCESS);
-    }
-    if survey.is_armed {
-        return Err(ApplyError::Armed.into());
     }
     let question = format!("Write {} settings and restart it?", orders.len());
     if !confirmed(&question, "yes", args.yes, "--yes")? {

@@ -6,6 +6,7 @@
 
 use super::super::clock::Clock;
 use super::patience::Patience;
+use super::pause::Pause;
 use super::process::{Firmware, StartError, connect_uart};
 use crate::autopilot::io::{FcBytes, Input};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -14,6 +15,7 @@ use sim::firmware::{Dialect, Felt, MOTOR_PORT, STATE_PORT, motors, state_packet}
 use std::collections::VecDeque;
 use std::io::{self, Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
+use std::sync::Arc;
 use std::time::Duration;
 use vehicle::{Pace, Timestamp};
 
@@ -40,6 +42,7 @@ pub struct FirmwareLine {
     heard: Timestamp,
     wall: Clock,
     patience: Patience,
+    pause: Arc<Pause>,
     newest: Option<[f64; 4]>,
     felt: Option<Felt>,
     news: VecDeque<String>,
@@ -67,6 +70,7 @@ impl FirmwareLine {
             heard: Timestamp::ZERO,
             wall: Clock::start(1.0),
             patience: Patience::default(),
+            pause: Pause::start()?,
             newest: None,
             felt: None,
             news: VecDeque::new(),
@@ -115,6 +119,7 @@ impl FirmwareLine {
 
     fn tell_state(&mut self) {
         if let Some(felt) = &self.felt {
+            self.pause.told(self.firmware.group());
             // Nobody there while it restarts: the next one is a millisecond away.
             let _ = self.states.send(&state_packet(self.dialect, felt));
             self.patience.told(self.wall.now());
@@ -163,9 +168,10 @@ impl FirmwareLine {
         let (gap, silence) = self.patience.take_longest();
         if gap > LATE || silence > LATE {
             self.news.push_back(format!(
-                "the machine is busy: {} ms without a state, {} ms without motors (at {:.2} s)",
+                "the machine is busy: {} ms without a state, {} ms without motors, stopped {} times (at {:.2} s)",
                 gap.as_millis(),
                 silence.as_millis(),
+                self.pause.stops(),
                 now.s()
             ));
         }

@@ -12,6 +12,7 @@
 //! first.
 
 use super::super::clock;
+use rustix::process::{Pid, Signal, kill_process_group};
 use sim::firmware::{MOTOR_PORT, STATE_PORT, UART1_PORT};
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -149,6 +150,12 @@ impl Firmware {
         self.fails = 0;
     }
 
+    /// Its process group.
+    #[must_use]
+    pub fn group(&self) -> i32 {
+        i32::try_from(self.child.id()).unwrap_or(0)
+    }
+
     /// How often it was started again.
     #[must_use]
     pub const fn restarts(&self) -> u32 {
@@ -195,6 +202,10 @@ impl Firmware {
     }
 
     fn end(&mut self) {
+        // The whole group at once, stopped or not; waiting for the shell to do it would hang on a stopped one.
+        if let Some(group) = Pid::from_raw(self.group()) {
+            let _ = kill_process_group(group, Signal::KILL);
+        }
         drop(self.child.stdin.take());
         let _ = self.child.wait();
     }
