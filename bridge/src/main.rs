@@ -29,6 +29,8 @@ enum Command {
     Demo(cmd::demo::DemoArgs),
     /// Fly the real thing.
     Fly(cmd::fly::FlyArgs),
+    /// Look at a flight controller on the bench, make it fit to fly by MSP.
+    Fc(cmd::fc::FcArgs),
     /// Look into the protocol of flight controllers.
     Msp(cmd::msp::MspArgs),
     /// List every parameter.
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Command::Sim(args) => cmd::sim::run(args),
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
+        Command::Fc(args) => cmd::fc::run(args),
         Command::Msp(args) => cmd::msp::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),

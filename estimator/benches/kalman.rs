@@ -45,6 +45,7 @@ fn imu(k: u64) -> ImuSample {
             0.1 * libm::sin(t),
             0.3 * libm::sin(2.1 * t),
         ),
+        mag: None,
     }
 }
 

@@ -199,6 +199,7 @@ fn run(seed: u64, imu_hz: u64, sums: &mut Sums) {
             at,
             accel_mps2: In::from_vector(accel),
             gyro_radps: In::from_vector(gyro),
+            mag: None,
         });
         for sensor in SENSORS.iter().filter(|s| k > 0 && k % (imu_hz / s.hz) == 0) {
             for aid in sensor.aids {

@@ -44,6 +44,10 @@ pub struct VehicleConfig {
     pub charge: f64,
     /// Its flight controller.
     pub fc: FcConfig,
+    /// Its flight controller is a program outside ([`crate::firmware`]) instead: whoever steps the simulation carries
+    /// [`felt`](crate::Simulator::felt) to it and [`motors`](crate::Simulator::command_motors) back.
+    #[serde(default)]
+    pub outside_fc: bool,
 }
 
 impl VehicleConfig {
@@ -57,6 +61,7 @@ impl VehicleConfig {
             down_range: true,
             charge: 1.0,
             fc: FcConfig::default(),
+            outside_fc: false,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! One vehicle: body, flight controller, sensors, and the samples that are on their way.
 
 use crate::config::VehicleConfig;
-use crate::fc::FlightController;
+use crate::controller::Controller;
 use crate::quad::Quad;
 use crate::quad::contact::Contact;
 use crate::sensor::{
@@ -21,7 +21,7 @@ const IN_TRANSIT: usize = 512;
 #[derive(Clone, Debug)]
 pub(crate) struct Craft {
     pub(crate) quad: Quad,
-    pub(crate) fc: FlightController,
+    pub(crate) fc: Controller,
     pub(crate) contact: Contact,
     rangers: Vec<Ranger>,
     down: Option<DownRanger>,
@@ -54,7 +54,7 @@ impl Craft {
         let quad = Quad::new(airframe, at, yaw_rad, charge, turbulence_n, seed, index);
         let rangers = (0u8..).zip(&config.ring.rangers);
         Self {
-            fc: FlightController::new(config.fc, seed, index, &quad, field),
+            fc: Controller::new(config, seed, index, &quad, field),
             contact: Contact::new(&quad),
             rangers: rangers
                 .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))

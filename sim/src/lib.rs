@@ -13,9 +13,10 @@
 //! | `world`, `walls`, `geometry` | ray casting and nearest obstacle |
 //! | `quad` | rigid body, motors, battery, contact |
 //! | [`fc`] | the fake flight controller: MSP server, arming, failsafe, angle mode |
+//! | [`firmware`] | packets of Betaflight's simulator build, for the real firmware in place of the fake one |
 //! | [`sensor`] | one file per sensor, each with the table of faults it follows |
 //! | [`imu_board`] | firmware of uQuad's inertial unit and a bench with simulated chips |
-//! | `craft`, `noise` | one vehicle put together; seeded streams, one per purpose |
+//! | `craft`, `controller`, `noise` | one vehicle put together; what drives its motors; seeded streams, one per purpose |
 //!
 //! Positions are NED about the plan's home, whatever the start; plan coordinates are metres as drawn.
 //!
@@ -23,8 +24,10 @@
 //! vehicles do not blow on each other, sonars do not hear each other.
 
 pub mod config;
+mod controller;
 mod craft;
 pub mod fc;
+pub mod firmware;
 mod geometry;
 pub mod imu_board;
 mod noise;

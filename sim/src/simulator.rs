@@ -4,6 +4,7 @@ use crate::config::{SimConfig, SimError, check};
 use crate::craft::{Craft, Shared};
 use crate::fc::Radio;
 use crate::fc::uart::BURST;
+use crate::firmware::Felt;
 use crate::room::{Room, RoomFacts};
 use crate::sensor::MagneticField;
 use crate::world::World;
@@ -199,6 +200,23 @@ impl Simulator {
     /// If there is no such vehicle; so do all methods that take one.
     pub fn write_fc(&mut self, vehicle: usize, bytes: &[u8]) {
         self.crafts[vehicle].write_fc(self.now, bytes);
+    }
+
+    /// What the sensors of a flight controller outside feel now; none for the fake one, which has its own.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn felt(&self, vehicle: usize) -> Option<Felt> {
+        self.crafts[vehicle].fc.felt().copied()
+    }
+
+    /// Commands of motors 1 to 4 from a flight controller outside, 0..=1; they hold until the next. The fake one takes none.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn command_motors(&mut self, vehicle: usize, commands: [f64; 4]) {
+        self.crafts[vehicle].fc.command(commands);
     }
 
     /// Breaks or mends something.

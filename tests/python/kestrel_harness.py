@@ -21,6 +21,7 @@ import signal
 import socket
 import subprocess
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -64,12 +65,38 @@ def jobs():
     return int(os.environ.get("KESTREL_JOBS", 3 * (os.cpu_count() or 1)))
 
 
+def slots_of_airspace():
+    """One open file for each place in the air."""
+    folder = Path(tempfile.gettempdir()) / f"kestrel-airspace-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    return [open(folder / str(i), "w") for i in range(jobs())]
+
+
+IS_ALONE = threading.Event()
+
+
+@contextlib.contextmanager
+def alone():
+    """All places in the air, for flights that need the machine to themselves. Only one test process may ask at a time."""
+    slots = slots_of_airspace()
+    try:
+        for slot in slots:
+            fcntl.flock(slot, fcntl.LOCK_EX)
+        IS_ALONE.set()
+        yield
+    finally:
+        IS_ALONE.clear()
+        for slot in slots:
+            slot.close()
+
+
 @contextlib.contextmanager
 def airspace():
     """Waits for one of `jobs()` places in the air, shared by all test processes of this user through file locks."""
-    folder = Path(tempfile.gettempdir()) / f"kestrel-airspace-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    slots = [open(folder / str(i), "w") for i in range(jobs())]
+    if IS_ALONE.is_set():
+        yield
+        return
+    slots = slots_of_airspace()
     try:
         while True:
             for slot in slots:

@@ -173,7 +173,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
 }
 
 /// Where a user's programs keep what they must remember (XDG base directories).
-fn state_folder() -> Option<PathBuf> {
+pub(crate) fn state_folder() -> Option<PathBuf> {
     let folder = |name: &str| {
         std::env::var_os(name)
             .filter(|v| !v.is_empty())

@@ -2,6 +2,8 @@
 
 pub(crate) mod demo;
 pub(crate) mod eval;
+pub(crate) mod fc;
+pub(crate) mod firmware;
 pub(crate) mod fly;
 pub(crate) mod msp;
 pub(crate) mod msp_ask;

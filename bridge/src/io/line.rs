@@ -180,7 +180,10 @@ fn connect(address: &str) -> io::Result<TcpStream> {
     Err(last)
 }
 
-/// Raw, no flow control, ours alone.
+/// Opens a serial port: raw, no flow control, ours alone.
+///
+/// # Errors
+/// What the system says when the device is none, busy, or does not know the speed.
 pub fn open_serial(device: &str, baud: u32) -> io::Result<File> {
     use rustix::fs::{Mode, OFlags};
     let fd = rustix::fs::open(

@@ -3,6 +3,7 @@
 //! The same struct flies in real time behind sockets, in virtual time inside tests, and as fast as it can in `demo`:
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
+use super::firmware::FirmwareLine;
 use super::record::{Record, Recorder};
 use super::truth::{Row, TruthFile};
 use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot, Station};
@@ -67,6 +68,8 @@ pub struct Lockstep {
     truth_pace: Pace,
     recorder: Option<Recorder>,
     kept: Option<Vec<(Timestamp, Input)>>,
+    /// The real firmware instead of the fake controller.
+    firmware: Option<FirmwareLine>,
     ticks_seen: u64,
     held_until: Timestamp,
     frozen_until: Timestamp,
@@ -129,6 +132,7 @@ impl Lockstep {
             truth_pace: Pace::hz(TRUTH_HZ),
             recorder: None,
             kept: None,
+            firmware: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
             frozen_until: Timestamp::ZERO,
@@ -157,6 +161,17 @@ impl Lockstep {
     /// The inputs kept so far.
     pub fn take_inputs(&mut self) -> Vec<(Timestamp, Input)> {
         self.kept.take().unwrap_or_default()
+    }
+
+    /// From now on this firmware flies the vehicle, whose controller must be outside
+    /// ([`sim::VehicleConfig::outside_fc`]). It runs on the wall clock, so time must pass at its pace.
+    pub fn fly_by(&mut self, firmware: FirmwareLine) {
+        self.firmware = Some(firmware);
+    }
+
+    /// The real firmware, if it flies.
+    pub const fn firmware(&mut self) -> Option<&mut FirmwareLine> {
+        self.firmware.as_mut()
     }
 
     /// Virtual time.
@@ -216,9 +231,12 @@ impl Lockstep {
         self.outgoing.pop_front()
     }
 
-    /// Lets virtual time pass.
+    /// Lets virtual time pass. It stops early while the real firmware does not keep up: [`now`](Self::now) tells.
     pub fn advance(&mut self, until: Timestamp) {
         while self.now < until {
+            if self.firmware.as_mut().is_some_and(|f| !f.keeps_up()) {
+                return;
+            }
             self.step();
         }
     }
@@ -232,6 +250,9 @@ impl Lockstep {
                 push_inputs(inputs, output);
             }
         });
+        if let Some(firmware) = &mut self.firmware {
+            firmware.exchange(now, &mut self.simulator, &mut self.inputs);
+        }
         if let Some((_, job)) = self.jobs.pop_front_if(|(at, _)| *at <= now) {
             self.inputs
                 .push_back(Input::JobDone(estimator::search(&job)));
@@ -239,7 +260,10 @@ impl Lockstep {
         if now >= self.frozen_until
             && let Some(frame) = self.keeper.poll(now)
         {
-            self.simulator.write_fc(0, frame);
+            match &mut self.firmware {
+                Some(firmware) => firmware.write(frame),
+                None => self.simulator.write_fc(0, frame),
+            }
         }
         if now >= self.held_until {
             while let Some(input) = self.inputs.pop_front() {
@@ -280,7 +304,10 @@ impl Lockstep {
         self.flight.handle(self.now, input);
         while let Some(output) = self.flight.poll() {
             match output {
-                Output::Fc(bytes) => self.simulator.write_fc(0, &bytes),
+                Output::Fc(bytes) => match &mut self.firmware {
+                    Some(firmware) => firmware.write(&bytes),
+                    None => self.simulator.write_fc(0, &bytes),
+                },
                 Output::Answer(answer) => self.ground.answer(self.now, &answer),
                 Output::Event(event) => {
                     if let Event::Notice(Notice::FlightTiming {

@@ -5,6 +5,8 @@
 //! | [`endpoint`] | endpoint URLs: `udpserver://host:port`, `serial:///dev/ttyAMA0?baudrate=115200` ... |
 //! | [`net`] | MAVLink links on a thread of their own; bytes in, bytes out, bounded queues |
 //! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
+//! | [`firmware`] | Betaflight's simulator build as a child process in place of the fake controller |
+//! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
 //! | [`line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
@@ -14,8 +16,10 @@
 //! | [`record`] | the flight log: every input of `Flight` |
 //! | [`keep`] | documents on disk, written atomically |
 
+pub mod bench_line;
 pub mod clock;
 pub mod endpoint;
+pub mod firmware;
 pub mod flight_thread;
 pub mod keep;
 pub mod line;

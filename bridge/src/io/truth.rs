@@ -8,7 +8,7 @@ use std::path::Path;
 use vehicle::Timestamp;
 
 /// Columns of the file.
-pub const HEADER: &str = "t_s,x,y,z,yaw,contact,est_x,est_y,est_z,est_yaw,localized";
+pub const HEADER: &str = "t_s,x,y,z,yaw,contact,est_x,est_y,est_z,est_yaw,localized,roll,pitch";
 
 /// One row.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +27,8 @@ pub struct Row {
     pub est_yaw_rad: f64,
     /// The estimator claims to know the place.
     pub localized: bool,
+    /// True roll (right side down) and pitch (nose up), rad.
+    pub tilt_rad: [f64; 2],
 }
 
 impl Row {
@@ -39,14 +41,16 @@ impl Row {
         snapshot: &Snapshot,
     ) -> Self {
         let truth = simulator.truth(vehicle);
+        let (roll, pitch, yaw_rad) = truth.attitude.roll_pitch_yaw();
         Self {
             t_s: now.s(),
             position: truth.position.into(),
-            yaw_rad: truth.attitude.yaw(),
+            yaw_rad,
             contact: truth.in_contact,
             est_position: snapshot.nav.position.into(),
             est_yaw_rad: snapshot.nav.yaw_rad(),
             localized: snapshot.nav.health.position,
+            tilt_rad: [roll, pitch],
         }
     }
 }
@@ -74,9 +78,10 @@ impl TruthFile {
     /// The disk says no.
     pub fn write(&mut self, r: &Row) -> io::Result<()> {
         let ([x, y, z], [ex, ey, ez]) = (r.position, r.est_position);
+        let [roll, pitch] = r.tilt_rad;
         writeln!(
             self.out,
-            "{:.3},{x:.4},{y:.4},{z:.4},{:.5},{},{ex:.4},{ey:.4},{ez:.4},{:.5},{}",
+            "{:.3},{x:.4},{y:.4},{z:.4},{:.5},{},{ex:.4},{ey:.4},{ez:.4},{:.5},{},{roll:.5},{pitch:.5}",
             r.t_s,
             r.yaw_rad,
             u8::from(r.contact),

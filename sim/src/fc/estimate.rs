@@ -21,7 +21,7 @@ const TURN_SCALE: (f64, f64) = (0.001, 0.005);
 
 /// Attitude as the controller has it.
 #[derive(Clone, Debug)]
-pub(super) struct Estimate {
+pub(crate) struct Estimate {
     noise: Noise,
     tilt_error: [Wander; 2],
     steps: u32,
@@ -35,7 +35,7 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    pub(super) fn new(seed: u64, vehicle: usize, yaw: f64) -> Self {
+    pub(crate) fn new(seed: u64, vehicle: usize, yaw: f64) -> Self {
         let mut noise = Noise::new(seed, vehicle, "fc attitude");
         let step_s = STEP_S * f64::from(TILT_EVERY);
         let tilt_error =
@@ -57,7 +57,7 @@ impl Estimate {
     }
 
     /// Every millisecond, with the true attitude.
-    pub(super) fn step(&mut self, attitude: &Rot<Frd, Ned>) {
+    pub(crate) fn step(&mut self, attitude: &Rot<Frd, Ned>) {
         self.steps += 1;
         if self.steps.is_multiple_of(TILT_EVERY) {
             for error in &mut self.tilt_error {
@@ -74,22 +74,22 @@ impl Estimate {
     }
 
     /// The vehicle was carried elsewhere: a turn by hand is no turn of the gyro's making.
-    pub(super) const fn carried(&mut self, yaw: f64) {
+    pub(crate) const fn carried(&mut self, yaw: f64) {
         self.last_yaw = yaw;
     }
 
     /// Right side down, rad.
-    pub(super) const fn roll(&self) -> f64 {
+    pub(crate) const fn roll(&self) -> f64 {
         self.roll
     }
 
     /// Nose up, rad.
-    pub(super) const fn pitch(&self) -> f64 {
+    pub(crate) const fn pitch(&self) -> f64 {
         self.pitch
     }
 
     /// Clockwise from the controller's own north, rad, -pi..=pi.
-    pub(super) fn heading(&self) -> f64 {
+    pub(crate) fn heading(&self) -> f64 {
         wrap_pi(self.heading)
     }
 }

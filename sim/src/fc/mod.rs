@@ -21,7 +21,7 @@
 mod answers;
 pub(crate) mod arming;
 mod cli;
-mod estimate;
+pub(crate) mod estimate;
 pub mod manner;
 mod orders;
 mod receiver;

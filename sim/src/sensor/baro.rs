@@ -25,6 +25,7 @@ pub(crate) struct Baro {
     noise: Noise,
     jitter: Wander,
     drift_m: f64,
+    felt_m: f64,
     altitude_m: f64,
     climb_mps: f64,
     zero_m: f64,
@@ -40,6 +41,7 @@ impl Baro {
             noise,
             jitter,
             drift_m: 0.0,
+            felt_m: height_m,
             altitude_m: height_m,
             climb_mps: 0.0,
             zero_m: height_m,
@@ -52,6 +54,7 @@ impl Baro {
         let near = (1.0 - height_m / FLOOR_PRESSURE_ENDS_M).clamp(0.0, 1.0);
         let pressed_m = FLOOR_PRESSURE_M * near * (motor_speed / 0.57) * (motor_speed / 0.57);
         let felt_m = height_m + self.jitter.step(&mut self.noise) + self.drift_m - pressed_m;
+        self.felt_m = felt_m;
         let slope_mps = (felt_m - self.altitude_m) / (LAG_S + BARO_STEP_S);
         self.altitude_m += slope_mps * BARO_STEP_S;
         self.climb_mps +=
@@ -65,6 +68,11 @@ impl Baro {
 
     pub(crate) fn altitude_m(&self) -> f64 {
         self.altitude_m - self.zero_m
+    }
+
+    /// Altitude behind the newest pressure, before the controller's own filter: what the sensor feels.
+    pub(crate) const fn felt_m(&self) -> f64 {
+        self.felt_m
     }
 
     pub(crate) const fn climb_mps(&self) -> f64 {
