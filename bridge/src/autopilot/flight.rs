@@ -292,6 +292,9 @@ impl Flight {
 
         // Arbitrate and plan.
         self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
+        if self.handover.pilot_steers() {
+            self.arbiter.carried();
+        }
         let touched_down = self.control.landed;
         let order = self.with_cockpit(now, dt_s, &nav, |arbiter, cockpit| {
             arbiter.step(cockpit, touched_down)
