@@ -6,7 +6,7 @@
 //! | [`net`] | MAVLink links on a thread of their own; bytes in, bytes out, bounded queues |
 //! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
-//! | [`line`] | that line: serial port or TCP connection, whole frames or nothing |
+//! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
