@@ -4,6 +4,8 @@ pub(crate) mod demo;
 pub(crate) mod eval;
 pub(crate) mod fly;
 pub(crate) mod msp;
+pub(crate) mod msp_ask;
+pub(crate) mod msp_serve;
 pub(crate) mod params;
 pub(crate) mod picture;
 pub(crate) mod rooms;

@@ -181,7 +181,7 @@ fn connect(address: &str) -> io::Result<TcpStream> {
 }
 
 /// Raw, no flow control, ours alone.
-fn open_serial(device: &str, baud: u32) -> io::Result<File> {
+pub fn open_serial(device: &str, baud: u32) -> io::Result<File> {
     use rustix::fs::{Mode, OFlags};
     let fd = rustix::fs::open(
         device,
