@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::Duration;
-use vehicle::{FloorPlan, In, MapPose, RingConfig};
+use vehicle::{FloorPlan, In, MapPose, RingConfig, Timestamp};
 
 /// Documents that may be in the state folder.
 const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
@@ -95,6 +95,9 @@ pub(crate) struct SimArgs {
     /// Charge of the battery at start, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
     pub(crate) battery: f64,
+    /// Test of failsafes: hold the flight loop at a time, for a time (s), while the world goes on.
+    #[arg(long, hide = true, value_name = "AT,FOR")]
+    pub(crate) hold: Option<HoldArg>,
     /// Configuration file (TOML, one table per section of `kestrel params`).
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
@@ -131,6 +134,7 @@ impl Default for SimArgs {
             instance: 0,
             person: Vec::new(),
             battery: 100.0,
+            hold: None,
             config: None,
             params: Vec::new(),
             headless: false,
@@ -167,6 +171,28 @@ impl FromStr for Speed {
             Ok(x) if (0.01..=1000.0).contains(&x) => Ok(Self::Times(x)),
             _ => Err("a number from 0.01 to 1000, or `max`".to_owned()),
         }
+    }
+}
+
+/// `--hold`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct HoldArg {
+    at: Duration,
+    duration: Duration,
+}
+
+impl FromStr for HoldArg {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        let seconds = |t: &str| Duration::try_from_secs_f64(t.parse().ok()?).ok();
+        s.split_once(',')
+            .and_then(|(at, duration)| {
+                Some(Self {
+                    at: seconds(at)?,
+                    duration: seconds(duration)?,
+                })
+            })
+            .ok_or_else(|| "two times in seconds, like 20,0.6".to_owned())
     }
 }
 
@@ -339,6 +365,9 @@ impl SimArgs {
             settings,
             documents,
         })?;
+        if let Some(hold) = self.hold {
+            lockstep.hold_flight_at(Timestamp::ZERO + hold.at, hold.duration);
+        }
         if let Some(path) = &self.truth {
             lockstep.write_truth(
                 TruthFile::create(path)

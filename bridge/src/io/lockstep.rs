@@ -72,6 +72,7 @@ pub struct Lockstep {
     firmware: Option<FirmwareLine>,
     ticks_seen: u64,
     held_until: Timestamp,
+    planned_hold: Option<(Timestamp, Duration)>,
     frozen_until: Timestamp,
     keeper: Keeper,
     /// First failure of a file being written; flying goes on.
@@ -135,6 +136,7 @@ impl Lockstep {
             firmware: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
+            planned_hold: None,
             frozen_until: Timestamp::ZERO,
             keeper: Keeper::default(),
             write_error: None,
@@ -220,6 +222,11 @@ impl Lockstep {
         self.held_until = self.now + duration;
     }
 
+    /// [`Self::hold_flight`] at a time to come.
+    pub const fn hold_flight_at(&mut self, at: Timestamp, duration: Duration) {
+        self.planned_hold = Some((at, duration));
+    }
+
     /// For tests of failsafes: the whole program is frozen for this long (a stopped process, a stalled host), its keeper too.
     pub fn freeze(&mut self, duration: Duration) {
         self.hold_flight(duration);
@@ -244,6 +251,12 @@ impl Lockstep {
     fn step(&mut self) {
         let now = self.now + sim::STEP;
         self.now = now;
+        if let Some((at, duration)) = self.planned_hold
+            && now >= at
+        {
+            self.planned_hold = None;
+            self.hold_flight(duration);
+        }
         let inputs = &mut self.inputs;
         self.simulator.advance(now, &mut |vehicle, output| {
             if vehicle == 0 {

@@ -8,7 +8,7 @@
 //! | [`firmware`] | Betaflight's simulator build as a child process in place of the fake controller |
 //! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
-//! | [`line`] | that line: serial port or TCP connection, whole frames or nothing |
+//! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
