@@ -14,7 +14,7 @@ use estimator::imu::{
     Smoothing,
 };
 use estimator::thesis::{
-    Channel, Refusal, StateSet, ThesisConfig, ThesisError, ThesisFilter, ThesisInput,
+    Channel, LeftOut, Refusal, StateSet, ThesisConfig, ThesisError, ThesisFilter, ThesisInput,
 };
 use nalgebra::Vector3;
 use vehicle::Timestamp;
@@ -177,6 +177,7 @@ pub struct Uquad {
     speed_range_radps: (f64, f64),
     speeds_radps: [f64; 4],
     period: SamplingPeriod,
+    left_out: LeftOut,
     start: Start,
     frames: u32,
     is_running: bool,
@@ -223,6 +224,7 @@ impl Uquad {
             speed_range_radps: config.speed_range_radps,
             speeds_radps: [config.first_speeds_radps; 4],
             period: SamplingPeriod::default(),
+            left_out: LeftOut::new(),
             start: config.start,
             frames: 0,
             is_running: false,
@@ -258,7 +260,13 @@ impl Uquad {
         }
         let input = ThesisInput::from(&reading);
         match self.filter.step(judged.used_s, &self.speeds_radps, &input) {
-            Ok(left_out) => left_out.into_iter().for_each(|c| say(Said::LeftOut(c))),
+            Ok(left_out) => {
+                // Said when it begins, not with every frame.
+                let is_new = |c: &Channel| !self.left_out.contains(c);
+                let fresh = left_out.iter().copied().filter(is_new);
+                fresh.for_each(|c| say(Said::LeftOut(c)));
+                self.left_out = left_out;
+            }
             Err(refusal) => {
                 say(Said::Refused(refusal));
                 return None;

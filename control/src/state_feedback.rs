@@ -37,6 +37,7 @@ impl StateFeedback {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use crate::integral::COLUMNS_OF_PPTZ;

@@ -19,6 +19,7 @@
 //! | [`mcl`] | Monte Carlo localization, global search, when to believe them |
 //! | [`imu`] | uQuad's inertial unit: bytes to metres and radians |
 //! | [`thesis`] | uQuad's own filter, selectable, proven on its recording |
+//! | [`utm`] | latitude and longitude to metres |
 //! | [`EstimatorParams`] | every tunable |
 //! | [`Diagnostics`] | what was seen and refused |
 //!
@@ -66,6 +67,7 @@ pub mod mcl;
 mod params;
 pub mod thesis;
 mod trail;
+pub mod utm;
 
 pub use diagnostics::Diagnostics;
 pub use estimator::{Estimator, OdometryPose};

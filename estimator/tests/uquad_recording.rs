@@ -130,7 +130,7 @@ fn recorded_conversion_is_reproduced_to_1e_6_on_every_row() {
     let mut deviation = 0.0_f64;
     for (reading, row) in readings.iter().zip(&recording.kalman_in) {
         deviation = deviation.max(worst(&columns(&reading.measured), &row[4..]));
-        assert_eq!(reading.elapsed_us as f64, row[0]);
+        assert_eq!(reading.elapsed_us, row[0] as u64);
     }
     println!(
         "raw -> converted, {} rows: worst deviation {deviation:.2e}",
@@ -423,5 +423,36 @@ fn the_recorded_craft_at_rest_is_calibrated_without_complaint() {
         flags,
         (41, 41, 41),
         "every norm of a still craft is believed"
+    );
+}
+
+#[test]
+fn a_recorded_receiver_at_rest_starts_at_zero_and_stays_within_metres() {
+    use estimator::utm::{SouthernOffset, Utm};
+    let Some(folder) = folder() else { return };
+    let gpx = std::fs::read_to_string(folder.join("gps_static_still.gpx")).unwrap();
+    let attribute = |line: &str, name: &str| -> f64 {
+        let from = line.split(&format!("{name}=\"")).nth(1).unwrap();
+        from.split('"').next().unwrap().parse().unwrap()
+    };
+    let places: Vec<Utm> = gpx
+        .lines()
+        .filter(|l| l.contains("<trkpt"))
+        .map(|l| {
+            let (lat, lon) = (attribute(l, "lat"), attribute(l, "lon"));
+            Utm::from_degrees(lat, lon, SouthernOffset::Uquad).unwrap()
+        })
+        .collect();
+    assert_eq!(places.len(), 40);
+    assert!((places[0].easting_m - 576_053.161).abs() < 1e-3);
+    assert!((places[0].northing_m - 6_135_581.891).abs() < 2e-3);
+    let moved: Vec<[f64; 2]> = places
+        .iter()
+        .map(|p| p.relative_to(&places[0]).unwrap())
+        .collect();
+    assert!(moved[0].iter().all(|m| m.abs() < 1e-12));
+    assert!(
+        moved.iter().all(|[e, n]| e.abs() < 15.0 && n.abs() < 15.0),
+        "{moved:?}"
     );
 }

@@ -152,7 +152,7 @@ pub enum Event {
     /// again.
     Restarted,
     /// The controller said no: unknown command, bad argument, not now. A scheduled request that is
-    /// refused is not repeated.
+    /// refused is tried again after a second, then ever more rarely.
     Refused {
         /// Command number.
         command: u16,

@@ -126,7 +126,7 @@ fn every_slot_is_used_and_rc_is_even_and_never_displaced() {
         for slots in [100_u64, 500, 2_000] {
             for (name, wire) in WIRES {
                 let slot_us = 1_000_000 / slots;
-                let flown = fly(kind, slot_us, wire, 25_000, 60);
+                let flown = fly(kind, slot_us, wire, 25_000, 30);
                 let used = 100.0 * flown.used as f64 / flown.slots as f64;
                 let [p50, p99, max] = flown.jitter_us;
                 let displaced = flown.displaced;

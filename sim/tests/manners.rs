@@ -257,6 +257,32 @@ fn each_firmware_drops_after_its_own_time_without_rc() {
     println!("END");
 }
 
+/// What a bridge that is held up for a second costs: 0.3 s of hold as delivered, and with `rxfail` HOLD until stage 2.
+#[test]
+fn betaflight_holds_the_throttle_until_stage_two_once_told_so() {
+    for (hold, throttle) in [(false, 885), (true, 1400)] {
+        let mut p = pilot(Manner::Betaflight46, Delivery::ReadyToFly);
+        if hold {
+            // Channel 3 is the throttle, mode 1 holds.
+            assert!(p.ask_raw(78, &[3, 1, 0xdc, 5]).is_some());
+        }
+        let told = p.ask_raw(77, &[]).unwrap();
+        assert_eq!((told.len(), told[9]), (54, u8::from(hold)));
+        p.arm();
+        p.sticks_us[2] = 1400;
+        p.fly(200, |_| {});
+        p.sends_rc = false;
+        p.fly(1000, |_| {});
+        assert!(p.sim.truth(0).armed);
+        assert_eq!(p.sim.used_sticks_us(0)[3], throttle);
+        p.fly(600, |_| {});
+        assert!(!p.sim.truth(0).armed, "stage 2 comes all the same");
+    }
+    let mut p = pilot(Manner::Betaflight46, Delivery::ReadyToFly);
+    assert!(p.ask_raw(78, &[3, 3, 0, 0]).is_none(), "no such mode");
+    assert!(p.ask_raw(78, &[18, 1, 0, 0]).is_none(), "no such channel");
+}
+
 /// Roll, throttle and Aux1 as the controller uses them.
 fn used(p: &mut Pilot) -> [u16; 3] {
     let rc: Rc = p.ask();
@@ -339,6 +365,30 @@ fn the_switches_of_multiwii_are_words_of_three_bits_a_channel() {
         "it has none"
     );
     assert_eq!(p.ask_raw(command::IDENT, &[]).unwrap()[0], 240);
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(60))]
+    #[test]
+    fn no_settings_and_no_noise_bring_it_down(
+        manner in 0..6usize,
+        orders in proptest::collection::vec((proptest::prelude::any::<u8>(), proptest::collection::vec(proptest::prelude::any::<u8>(), 0..40)), 0..12),
+        noise in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..60),
+    ) {
+        let mut p = pilot(Manner::ALL[manner], Delivery::ReadyToFly);
+        p.fly(5500, |_| {});
+        p.sim.write_fc(0, &noise);
+        const SETS: [u16; 12] = [11, 35, 37, 45, 65, 76, 78, 99, 200, 203, 214, 250];
+        for (which, payload) in orders {
+            p.send(SETS[usize::from(which) % SETS.len()], &payload);
+            p.fly(20, |_| {});
+        }
+        p.set_arm_switch(true);
+        p.sticks_us[2] = 1300;
+        p.fly(1500, |_| {});
+        let truth = p.sim.truth(0);
+        proptest::prop_assert!(truth.position.is_finite() && truth.velocity.is_finite());
+    }
 }
 
 fn type_line(p: &mut Pilot, line: &str) -> String {

@@ -154,6 +154,12 @@ impl Scenario {
         self
     }
 
+    /// A pilot's radio is the receiver; set what it sends with `world.simulator.set_radio`.
+    #[must_use]
+    pub fn beside_radio(self) -> Self {
+        self.delivery(Delivery::BesideRadio).param("KST_RADIO", "1")
+    }
+
     /// A parameter of the vehicle.
     #[must_use]
     pub fn param(mut self, name: &str, value: &str) -> Self {

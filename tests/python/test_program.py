@@ -208,7 +208,7 @@ def test_user_room_and_ring():
 
 def test_help_has_examples_and_parameters_are_listed():
     """`--help` of every sub-command, `params`, `rooms`."""
-    for command in ("sim", "demo", "fly", "params", "rooms"):
+    for command in ("sim", "demo", "fly", "msp", "params", "rooms"):
         done = kestrel_harness.run(command, "--help")
         assert done.returncode == 0 and "xample" in done.stdout, f"kestrel {command} --help has no example:\n{done.stdout}"
     done = kestrel_harness.run("params")

@@ -187,6 +187,12 @@ impl Arbiter {
         }
     }
 
+    /// Somebody else steers: what meant "here" will mean where he leaves the vehicle.
+    pub fn carried(&mut self) {
+        self.hold.forget_target();
+        self.sticks_mode.relocalized();
+    }
+
     /// The motors stopped: back to a fresh Hold, unless a mode is waiting for the next arm.
     pub fn disarmed(&mut self, c: &mut Cockpit<'_>) {
         self.hold.keys.switch_off();

@@ -4,8 +4,12 @@
 //! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
 //! ([`Refusal`], [`Notice`]) and become words in `Ground`.
 
+use super::handover::Steering;
+use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
 use arrayvec::ArrayVec;
+use msp::firmware::{ArmingBlocker, arming_blockers};
+use msp::message::FcVariant;
 use planner::mission::Plan;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -269,11 +273,8 @@ pub enum RefusalClass {
 pub enum Refusal {
     /// The flight controller does not answer.
     FcSilent,
-    /// The flight controller blocks arming; its flags in the order of its firmware.
-    FcBlocks {
-        /// Name of the first blocking flag.
-        flag: FcBlock,
-    },
+    /// The flight controller blocks arming.
+    FcBlocks(FcBlocks),
     /// It did not arm in time.
     FcDidNotArm,
     /// Roll, pitch or height is not known yet.
@@ -327,6 +328,21 @@ pub enum Refusal {
     Failsafe(Because),
     /// Not built.
     Unsupported,
+    /// Its firmware is not one we know: it may be watched, not flown.
+    FcUnknown {
+        /// What it calls itself.
+        variant: [u8; 4],
+    },
+    /// It answers, but its scheduler does not run.
+    FcStalled,
+    /// Arming is under way already.
+    ArmingUnderWay,
+    /// Somebody disarmed before the motors ran.
+    DisarmedMeanwhile,
+    /// Beside a live radio the pilot arms and disarms.
+    PilotArms,
+    /// The pilot's radio steers; his override switch is off.
+    PilotSteers,
 }
 
 impl Refusal {
@@ -349,7 +365,7 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FcSilent => write!(f, "flight controller does not answer"),
-            Self::FcBlocks { flag } => write!(f, "flight controller blocks arming: {flag}"),
+            Self::FcBlocks(blocks) => write!(f, "flight controller blocks arming: {blocks}"),
             Self::FcDidNotArm => write!(f, "flight controller did not arm in time"),
             Self::NoAttitude => write!(f, "attitude and height are not known yet"),
             Self::NotLocalized => write!(f, "not localized"),
@@ -373,6 +389,22 @@ impl fmt::Display for Refusal {
             Self::ShuttingDown => write!(f, "shutting down"),
             Self::Failsafe(because) => write!(f, "failsafe holds: {}", because.words()),
             Self::Unsupported => write!(f, "not supported"),
+            Self::FcUnknown { variant } => write!(
+                f,
+                "flight controller firmware {} is not known: watched, not flown",
+                variant.escape_ascii()
+            ),
+            Self::FcStalled => write!(
+                f,
+                "flight controller does not run its loop (cycle time 0): restart it"
+            ),
+            Self::ArmingUnderWay => write!(f, "arming is under way"),
+            Self::DisarmedMeanwhile => write!(f, "disarmed meanwhile"),
+            Self::PilotArms => write!(f, "the pilot arms and disarms with his radio"),
+            Self::PilotSteers => write!(
+                f,
+                "the pilot steers: his MSP OVERRIDE switch must be on, then ask again"
+            ),
         }
     }
 }
@@ -392,20 +424,70 @@ impl Because {
             Self::BatteryLow => "battery low",
             Self::ShuttingDown => "shutting down",
             Self::EstimatorFailed => "estimate unusable",
+            Self::FcSilent => "flight controller silent",
+            Self::LoopHeld => "flight loop held up",
+            Self::PilotTookOver => "pilot took over",
         }
     }
 }
 
-/// First reason a flight controller gives for not arming, as its name in the firmware.
+/// What a flight controller says blocks arming: its own bits, which are words by its firmware.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FcBlock(pub ArrayString16);
+pub struct FcBlocks {
+    /// What the firmware calls itself: the same bit has other names in others.
+    pub variant: [u8; 4],
+    /// Number of bits it knows (Betaflight; the last one is always ARM_SWITCH).
+    pub count: u8,
+    /// The bits as it sent them, states that block nothing among them.
+    pub flags: u32,
+}
 
-/// Short name without allocation.
-pub type ArrayString16 = arrayvec::ArrayString<16>;
+impl FcBlocks {
+    /// Blocks that a controller raises for want of what we are about to send, or that go when the switch is low.
+    const TRANSIENT: [&str; 6] = [
+        "ARM_SWITCH",
+        "NOT_DISARMED",
+        "BAD_RX_RECOVERY",
+        "RX_FAILSAFE",
+        "RC_LINK",
+        "FAILSAFE",
+    ];
 
-impl fmt::Display for FcBlock {
+    /// Each of them with name and advice, lowest bit first.
+    pub fn blockers(&self) -> impl Iterator<Item = ArmingBlocker> + use<> {
+        let variant = FcVariant {
+            variant: self.variant,
+        };
+        arming_blockers(variant.into(), self.count, self.flags)
+    }
+
+    /// Nothing blocks.
+    #[must_use]
+    pub fn is_clear(&self) -> bool {
+        self.blockers().next().is_none()
+    }
+
+    /// A name is among them.
+    #[must_use]
+    pub fn has(&self, name: &str) -> bool {
+        self.blockers().any(|b| b.name == name)
+    }
+
+    /// None but those that pass by themselves once frames with a low switch come.
+    #[must_use]
+    pub fn will_pass(&self) -> bool {
+        self.blockers().all(|b| Self::TRANSIENT.contains(&b.name))
+    }
+}
+
+/// Every flag in words: `THROTTLE (throttle is not low), ANGLE (not level enough)`.
+impl fmt::Display for FcBlocks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
+        for (i, blocker) in self.blockers().enumerate() {
+            let comma = if i > 0 { ", " } else { "" };
+            write!(f, "{comma}{} ({})", blocker.name, blocker.advice)?;
+        }
+        Ok(())
     }
 }
 
@@ -456,7 +538,23 @@ pub enum Notice {
         version: [u8; 3],
     },
     /// The flight controller fell silent.
-    FcLost,
+    FcLost {
+        /// Bytes came that are no MSP: its text console may be open.
+        noise: bool,
+    },
+    /// It is of a firmware we do not know.
+    FcUnknown {
+        /// What it calls itself.
+        variant: [u8; 4],
+    },
+    /// The pilot flipped his switch: he steers.
+    PilotTookOver,
+    /// The pilot's switch is on: a mode may be asked for.
+    PilotOffers,
+    /// We steer again, by request.
+    PilotHandedBack,
+    /// The pilot disarmed with his radio.
+    PilotDisarmed,
     /// Place found.
     Localized {
         /// On the plan, m.
@@ -501,6 +599,13 @@ pub enum Notice {
     Landed,
     /// The flight controller disarmed by itself.
     FcDisarmed,
+    /// How punctual the flight was; told when it is over.
+    FlightTiming {
+        /// Age of the attitude at each RC frame.
+        sample_to_command: LatencySummary,
+        /// Beats missed.
+        missed: u64,
+    },
     /// The flight controller has started anew.
     FcRestarted,
     /// The flight controller serves fewer requests than flight wants.
@@ -519,14 +624,21 @@ impl Notice {
     #[must_use]
     pub const fn severity(&self) -> Severity {
         match self {
-            Self::FcLost | Self::Failsafe { .. } | Self::FcDisarmed => Severity::Critical,
+            Self::FcLost { .. }
+            | Self::Failsafe { .. }
+            | Self::FcDisarmed
+            | Self::PilotTookOver => Severity::Critical,
             Self::LocalizationLost | Self::SearchFailed | Self::BatteryLow { .. } => {
                 Severity::Error
             }
+            Self::Refused(_)
+            | Self::ItemRefused { .. }
+            | Self::WayBlocked
+            | Self::FcUnknown { .. }
+            | Self::FcRestarted
+            | Self::PilotOffers => Severity::Warning,
             Self::FcStalled => Severity::Error,
-            Self::FcRestarted => Severity::Warning,
             Self::FcSlow { .. } => Severity::Notice,
-            Self::Refused(_) | Self::ItemRefused { .. } | Self::WayBlocked => Severity::Warning,
             _ => Severity::Info,
         }
     }
@@ -545,7 +657,21 @@ impl fmt::Display for Notice {
                     String::from_utf8_lossy(variant)
                 )
             }
-            Self::FcLost => write!(f, "Flight controller lost"),
+            Self::FcLost { noise: false } => write!(f, "Flight controller lost"),
+            Self::FcLost { noise: true } => write!(
+                f,
+                "Flight controller lost: what it sends is not MSP; if its CLI is open, leave it with `exit`"
+            ),
+            Self::FcUnknown { variant } => {
+                write!(f, "{}", Refusal::FcUnknown { variant: *variant })
+            }
+            Self::PilotTookOver => write!(f, "Pilot took over: his radio steers"),
+            Self::PilotOffers => write!(
+                f,
+                "Pilot's override switch is on: ask for a mode to steer again"
+            ),
+            Self::PilotHandedBack => write!(f, "Steering again by request"),
+            Self::PilotDisarmed => write!(f, "Pilot disarmed with his radio"),
             Self::Localized { x_m, y_m } => {
                 write!(f, "Localized at {x_m:.2}, {y_m:.2} on the plan")
             }
@@ -563,6 +689,13 @@ impl fmt::Display for Notice {
             Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
             Self::Landed => write!(f, "Landed"),
             Self::FcDisarmed => write!(f, "Flight controller disarmed by itself"),
+            Self::FlightTiming {
+                sample_to_command,
+                missed,
+            } => write!(
+                f,
+                "Flight: sample to command {sample_to_command}, {missed} beats missed"
+            ),
             Self::FcRestarted => write!(f, "Flight controller restarted"),
             Self::FcSlow {
                 service_hz,
@@ -635,8 +768,8 @@ pub struct FcStatus {
     pub service_rate_hz: f64,
     /// Round trip, us, smoothed.
     pub round_trip_us: f64,
-    /// Reason it would not arm now, if any.
-    pub block: Option<FcBlock>,
+    /// Why it would not arm now.
+    pub blocks: FcBlocks,
     /// Received signal strength, 0..=254, none if unknown.
     pub rssi: Option<u8>,
     /// CPU load, percent.
@@ -645,6 +778,8 @@ pub struct FcStatus {
     pub bad_frames: u64,
     /// Requests that were not answered in time.
     pub timeouts: u64,
+    /// Who steers beside a live radio.
+    pub steering: Steering,
 }
 
 /// Timing of the flight loop.
@@ -654,8 +789,11 @@ pub struct LoopStatus {
     pub ticks: u64,
     /// Periods that passed without a tick; never made up for.
     pub missed: u64,
-    /// Age of the newest attitude when the last RC frame was made, us.
-    pub sample_to_command_us: f64,
+    /// Age of the newest attitude at each RC frame, since the last arming.
+    pub sample_to_command: LatencySummary,
+    /// Our own share: from the arrival of a reply to the end of the write of the RC frame it caused, since the last arming.
+    /// Nothing in the simulator, where our computing takes no time.
+    pub reply_to_command: LatencySummary,
 }
 
 /// Everything the ground may want to know, copied each tick.

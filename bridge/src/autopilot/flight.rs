@@ -6,37 +6,43 @@
 //!
 //! After each `handle`, poll until `None`.
 
+mod controller;
+mod requests;
+#[cfg(test)]
+mod tests;
+
 use super::arbiter::{Arbiter, Order};
-use super::arming::{Arming, Change, FcArmState};
-use super::door::{
-    Answer, Asked, Event, FcBlock, FcStatus, Notice, Outcome, Refusal, Request, RequestId,
-    Snapshot, Station,
-};
-use super::health::{self, Checks};
+use super::arming::{Arming, FcArmState};
+use super::beat::Beat;
+use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::handover::Handover;
+use super::health;
 use super::io::{FcBytes, Input, Output};
-use super::mode::{Because, Mode};
+use super::latency::Histogram;
+use super::mode::Because;
 use super::modes::{Air, Cockpit};
-use super::supervisor::{Facts, Supervisor, Verdict};
-use crate::fc::convert::{Convert, REPLY_WIRE_TIME, four_letters};
-use crate::fc::{poll, rc_out, stock_curves};
+use super::supervisor::{FC_SILENT_S, Facts, Supervisor, Verdict};
+use crate::fc::convert::Convert;
+use crate::fc::{poll, stock_curves};
 use crate::sensor::ring::{Measured, Ring};
-use crate::settings::{Origin, Settings};
+use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
 use estimator::Estimator;
 use msp::client::Client;
-use msp::firmware::{Firmware, box_id};
-use msp::message::Reply;
+use msp::firmware::Firmware;
 use planner::mission::Mission;
 use planner::navigator::Navigator;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
-    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, Pace,
-    RingConfig, Setpoint, Sticks, Timestamp,
+    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, RingConfig,
+    Setpoint, Sticks, Timestamp,
 };
 
+/// Longer between two inputs and we were held up ourselves.
+const OWN_STALL: Duration = Duration::from_millis(60);
 /// Outputs that wait to be polled at most; a tick makes about ten.
 const OUTPUTS: usize = 256;
 
@@ -81,12 +87,26 @@ pub struct Flight {
     supervisor: Supervisor,
     arming: Arming,
     fc_arm: FcArmState,
+    link: controller::Link,
+    handover: Handover,
     fc: FcStatus,
     air: Air,
     home: In<Ned>,
     home_yaw_rad: f64,
-    pace: Pace,
+    beat: Beat,
     last_tick: Timestamp,
+    last_handle: Timestamp,
+    /// When the controller sampled the newest attitude.
+    sampled: Option<Timestamp>,
+    sample_came: bool,
+    latency: Histogram,
+    standby: Option<FcBytes>,
+    /// Where frames are encoded.
+    encoded: Vec<u8>,
+    /// Missed beats up to the last arming.
+    missed_before: u64,
+    /// How long the pilot has had the vehicle on the floor, s.
+    pilot_down_s: f64,
     localized_at: Option<Timestamp>,
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
@@ -132,7 +152,7 @@ impl Flight {
         let controller = Controller::new(settings.control.clone(), airframe);
         let mission = Mission::new(settings.planner.clone());
         let arbiter = Arbiter::new(mission, settings.autopilot.takeoff_height_m);
-        let pace = Pace::starting_at(
+        let beat = Beat::new(
             now,
             Duration::from_micros(1_000_000 / settings.autopilot.rc_hz.max(1) as u64),
         );
@@ -147,14 +167,24 @@ impl Flight {
             controller,
             arbiter,
             supervisor: Supervisor::default(),
-            arming: Arming::Disarmed,
+            arming: Arming::Neutral,
             fc_arm: FcArmState::default(),
+            link: controller::Link::default(),
+            handover: Handover::new(settings.autopilot.radio),
             fc: FcStatus::default(),
             air: Air::Ground,
             home: In::zero(),
             home_yaw_rad,
-            pace,
+            beat,
             last_tick: now,
+            last_handle: now,
+            sampled: None,
+            sample_came: false,
+            latency: Histogram::default(),
+            standby: None,
+            encoded: Vec::with_capacity(256),
+            missed_before: 0,
+            pilot_down_s: 0.0,
             localized_at: None,
             reset_counter: 0,
             ground_heard: None,
@@ -171,6 +201,11 @@ impl Flight {
 
     /// Takes an input; ticks when a tick is due.
     pub fn handle(&mut self, now: Timestamp, input: Input) {
+        if now.since(self.last_handle) > OWN_STALL {
+            // Who was held up himself has no right to complain of silence.
+            self.link.listening_since = now;
+        }
+        self.last_handle = now;
         match input {
             Input::Fc(bytes) => self.client.handle(now.us(), &bytes),
             Input::FcOpened => self.client.connect(now.us()),
@@ -179,10 +214,12 @@ impl Flight {
             Input::Flow(sample) => self.flow(&sample),
             Input::Asked(asked) => self.asked(now, &asked),
             Input::JobDone(result) => self.estimator.search_done(&result),
+            Input::FcClosed => self.lose_controller(false),
             Input::Wake => {}
         }
-        self.listen();
-        if self.pace.is_due(now) {
+        self.listen(now);
+        let sample_came = core::mem::take(&mut self.sample_came);
+        if self.beat.is_due(now, sample_came) {
             self.tick(now);
         }
         self.transmit(now);
@@ -199,14 +236,27 @@ impl Flight {
         let client = self
             .client
             .deadline_us()
-            .map_or(self.pace.next(), Timestamp::from_us);
-        self.pace.next().min(client)
+            .map_or(self.beat.deadline(), Timestamp::from_us);
+        self.beat.deadline().min(client)
     }
 
     /// Everything the ground may want to know, as of the last tick.
     #[must_use]
     pub const fn snapshot(&self) -> &Snapshot {
         &self.snapshot
+    }
+
+    /// RC frames handed out so far.
+    #[must_use]
+    pub const fn rc_frames_sent(&self) -> u64 {
+        self.client.statistics().rc_sent
+    }
+
+    /// What keeps the vehicle level if we are held up: see [`Keeper`](super::keeper::Keeper). None on the floor, and beside a radio,
+    /// which takes over by itself.
+    #[must_use]
+    pub const fn standby(&self) -> Option<&FcBytes> {
+        self.standby.as_ref()
     }
 
     /// The estimator, for pictures and logs.
@@ -228,7 +278,7 @@ impl Flight {
         let dt_s = since_last.as_secs_f64().clamp(1e-3, 0.2);
         self.last_tick = now;
         self.snapshot.flight_loop.ticks += 1;
-        let periods = since_last.as_micros() / self.pace.period().as_micros().max(1);
+        let periods = since_last.as_micros() / self.beat.period().as_micros().max(1);
         self.snapshot.flight_loop.missed += periods.saturating_sub(1) as u64;
 
         // Estimate.
@@ -241,19 +291,24 @@ impl Flight {
         self.confirm_arming(now);
 
         // Arbitrate and plan.
-        self.supervise(now, &nav);
+        self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
+        if self.handover.pilot_steers() {
+            self.arbiter.carried();
+        }
         let touched_down = self.control.landed;
         let order = self.with_cockpit(now, dt_s, &nav, |arbiter, cockpit| {
             arbiter.step(cockpit, touched_down)
         });
         self.follow(now, &nav, &order);
 
-        // Control.
-        let setpoint = if self.arming.is_armed() {
-            order.setpoint
-        } else {
-            Setpoint::Idle
+        // Control. While a pilot steers his sticks pass through: the loops rest, and start from the motion he leaves.
+        let pilot_steers = self.handover.pilot_steers();
+        let setpoint = match self.arming.is_armed() {
+            true if pilot_steers => Setpoint::Sticks(self.handover.pilot()),
+            true => order.setpoint,
+            false => Setpoint::Idle,
         };
+        self.watch_pilot(dt_s, &nav);
         let phase = match self.air {
             Air::Ground => Phase::Idle,
             Air::SpoolUp => Phase::SpoolUp,
@@ -273,11 +328,53 @@ impl Flight {
         // Supervise and emit.
         let may_spin = self.arming.is_armed() && self.air != Air::Ground;
         let hover = self.controller.hover_throttle();
-        let sticks =
+        let has_attitude = nav.health.attitude && self.fc_silent_s(now) <= FC_SILENT_S;
+        let own = self
+            .supervisor
+            .clear(self.control.sticks, may_spin, has_attitude, hover);
+        // What leaves the pilot's sticks slowly, and his own, pass the supervisor once more: the last word is its.
+        let is_his = self.handover.has_radio();
+        let sticks = self.handover.sticks(now, *own.get()).map(|sticks| {
             self.supervisor
-                .clear(self.control.sticks, may_spin, nav.health.attitude, hover);
-        self.send_rc(now, &sticks);
-        self.take_snapshot(now, &nav, &setpoint, *sticks.get());
+                .clear(sticks, may_spin || is_his, has_attitude || is_his, hover)
+        });
+        self.send_rc(now, sticks.as_ref());
+        self.prepare_standby(hover);
+        let sent = sticks.map_or(Sticks::IDLE, |s| *s.get());
+        self.take_snapshot(now, &nav, &setpoint, sent);
+    }
+
+    /// Time that the flight controller has kept us waiting, s.
+    fn fc_silent_s(&self, now: Timestamp) -> f64 {
+        self.link.heard.map_or(f64::INFINITY, |at| {
+            now.since(at.max(self.link.listening_since)).as_secs_f64()
+        })
+    }
+
+    /// On the floor or not while a pilot flies: nobody tells, so height and throttle do.
+    fn watch_pilot(&mut self, dt_s: f64, nav: &NavState) {
+        if !self.handover.pilot_steers() || !self.arming.is_armed() || !nav.health.height {
+            self.pilot_down_s = 0.0;
+            return;
+        }
+        let above_m = nav.height_m - self.airframe.landed_height_m;
+        let is_down = above_m < 0.05 && self.handover.pilot().throttle < 0.1;
+        self.pilot_down_s = if is_down {
+            self.pilot_down_s + dt_s
+        } else {
+            0.0
+        };
+        let air = match self.air {
+            Air::Flying if self.pilot_down_s > 1.0 => Air::Ground,
+            Air::Ground | Air::SpoolUp if above_m > 0.15 => Air::Flying,
+            air => air,
+        };
+        if air != self.air {
+            self.air = air;
+            self.emit(Output::Event(Event::Landed(
+                self.arbiter.landed_state(self.air),
+            )));
+        }
     }
 
     /// Runs a mode or a request with everything it may use.
@@ -308,7 +405,20 @@ impl Flight {
         result
     }
 
-    fn supervise(&mut self, now: Timestamp, nav: &NavState) {
+    fn supervise(&mut self, now: Timestamp, dt_s: f64, loop_gap_s: f64, nav: &NavState) {
+        if self.handover.pilot_steers() {
+            // A human is in command; nothing here knows better.
+            return;
+        }
+        let has_attitude = nav.health.attitude && self.fc_silent_s(now) <= FC_SILENT_S;
+        let is_flying = self.air != Air::Ground;
+        if self
+            .supervisor
+            .is_blind_too_long(dt_s, is_flying, has_attitude)
+            && !self.handover.has_radio()
+        {
+            self.disarm(now);
+        }
         let since =
             |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
         let mode = self.arbiter.mode().mode;
@@ -324,6 +434,8 @@ impl Flight {
             offboard_silent_s: self.arbiter.offboard_silent_s(now),
             manual_silent_s: self.arbiter.manual_silent_s(now),
             battery: self.snapshot.battery.and_then(|b| b.remaining),
+            fc_silent_s: self.fc_silent_s(now),
+            loop_gap_s,
             params: &self.settings.autopilot,
         };
         let mut verdicts = ArrayVec::<Verdict, 16>::new();
@@ -351,7 +463,9 @@ impl Flight {
 
     /// Leaves the floor or stops the motors as the arbiter ordered.
     fn follow(&mut self, now: Timestamp, nav: &NavState, order: &Order) {
-        if order.disarm {
+        if order.disarm && self.handover.has_radio() {
+            self.rest(now, nav);
+        } else if order.disarm {
             self.disarm(now);
         } else if order.lift_off && self.air == Air::Ground && self.arming.is_armed() {
             self.air = Air::SpoolUp;
@@ -361,6 +475,7 @@ impl Flight {
             )));
         } else if let Arming::Armed { since } = self.arming
             && self.air == Air::Ground
+            && !self.handover.has_radio()
         {
             let limit_s = self.settings.autopilot.disarm_preflight_s;
             if limit_s > 0.0 && now.since(since).as_secs_f64() > limit_s {
@@ -369,149 +484,17 @@ impl Flight {
         }
     }
 
-    // ---- flight controller -------------------------------------------------------------------------------------
-
-    /// Takes in what the flight controller said.
-    fn listen(&mut self) {
-        use msp::client::Event as Said;
-        while let Some(said) = self.client.poll_event() {
-            match said {
-                Said::Identified(identity) => {
-                    self.convert = Some(Convert::new(identity.firmware));
-                    let params = control_params(&self.settings, Some(identity.firmware));
-                    self.controller.set_params(params);
-                    let version = [
-                        identity.version.major,
-                        identity.version.minor,
-                        identity.version.patch,
-                    ];
-                    let variant = four_letters(identity.firmware);
-                    self.fc.is_connected = true;
-                    self.fc.variant = variant;
-                    self.fc.version = version;
-                    self.fc.api = [identity.api.major, identity.api.minor];
-                    self.emit(Output::Event(Event::Notice(Notice::FcFound {
-                        variant,
-                        version,
-                    })));
-                }
-                Said::Reply {
-                    reply, received_us, ..
-                } => self.reply(Timestamp::from_us(received_us), &reply),
-                Said::Lost { .. } => {
-                    if self.fc.is_connected {
-                        self.emit(Output::Event(Event::Notice(Notice::FcLost)));
-                    }
-                    self.fc.is_connected = false;
-                    self.snapshot.imu = None;
-                }
-                Said::Slow {
-                    service_rate_hz,
-                    cli_line,
-                    ..
-                } => self.emit(Output::Event(Event::Notice(Notice::FcSlow {
-                    service_hz: service_rate_hz.round() as u16,
-                    has_cli_line: cli_line.is_some(),
-                }))),
-                Said::Restarted => {
-                    self.emit(Output::Event(Event::Notice(Notice::FcRestarted)));
-                }
-                Said::Stalled => self.emit(Output::Event(Event::Notice(Notice::FcStalled))),
-                Said::Changed(_)
-                | Said::Recovered { .. }
-                | Said::Refused { .. }
-                | Said::Unanswered { .. }
-                | Said::Malformed(_) => {}
-            }
-        }
-    }
-
-    fn reply(&mut self, received: Timestamp, reply: &Reply) {
-        let sampled = received - REPLY_WIRE_TIME;
-        let Some(convert) = &mut self.convert else {
+    /// Landed beside a radio: throttle at the bottom until the pilot disarms.
+    fn rest(&mut self, now: Timestamp, nav: &NavState) {
+        if self.air == Air::Ground {
             return;
-        };
-        match reply {
-            Reply::Attitude(a) => {
-                let sample = convert.attitude(sampled, a);
-                self.estimator.attitude(&sample);
-                let age = self.last_tick.seconds_since(sampled).max(0.0);
-                self.snapshot.flight_loop.sample_to_command_us = age * 1e6;
-            }
-            Reply::RawImu(raw) => {
-                let at_rest = !self.arming.switch_is_high();
-                if let Some(sample) = convert.imu(sampled, raw, at_rest) {
-                    self.estimator.imu(&sample);
-                    self.snapshot.imu = Some(sample);
-                }
-            }
-            Reply::Altitude(a) => {
-                let sample = convert.baro(sampled, a);
-                self.estimator.baro(&sample);
-                self.snapshot.baro = Some(sample);
-            }
-            Reply::BatteryState(b) => self.snapshot.battery = Some(convert.battery(sampled, b)),
-            Reply::Analog(a) => {
-                self.fc.rssi = Some(convert.rssi(a.rssi));
-                // A message of its own that tells the cells says more.
-                if self.snapshot.battery.is_none_or(|b| b.cells == 0) {
-                    self.snapshot.battery = Some(convert.battery_of_analog(sampled, a));
-                }
-            }
-            Reply::InavAnalog(a) => {
-                self.fc.rssi = Some(convert.rssi(a.rssi));
-                self.snapshot.battery = Some(convert.battery_of_inav(sampled, a));
-            }
-            Reply::Status(_) | Reply::StatusEx(_) | Reply::InavStatus(_) => {
-                self.status(received, reply)
-            }
-            _ => {}
         }
-    }
-
-    fn status(&mut self, received: Timestamp, reply: &Reply) {
-        let Some(identity) = self.client.identity() else {
-            return;
-        };
-        let block = identity.arming_blockers(reply).next().map(|blocker| {
-            let mut name = arrayvec::ArrayString::new();
-            for c in blocker.name.chars() {
-                let _ = name.try_push(c);
-            }
-            FcBlock(name)
-        });
-        let is_armed = identity.is_box_active(box_id::ARM, reply).unwrap_or(false);
-        self.fc_arm = FcArmState {
-            is_armed,
-            block,
-            at: Some(received),
-        };
-        self.fc.block = block;
-        if let Reply::StatusEx(s) = reply {
-            self.fc.load_percent = f64::from(s.load_pct);
-        }
-    }
-
-    fn send_rc(&mut self, now: Timestamp, sticks: &super::supervisor::Cleared<Sticks>) {
-        let Some(identity) = self.client.identity() else {
-            return;
-        };
-        let (wire, telemetry) =
-            rc_out::channels(sticks, self.arming.switch_is_high(), &identity.rx_map);
-        self.client.set_rc(now.us(), &wire);
-        self.snapshot.rc_us = telemetry;
-    }
-
-    fn transmit(&mut self, now: Timestamp) {
-        while let Some(bytes) = self.client.poll_transmit(now.us()) {
-            for chunk in bytes.chunks(FcBytes::new_const().capacity()) {
-                let mut out = FcBytes::new();
-                let _ = out.try_extend_from_slice(chunk);
-                if self.outputs.len() < OUTPUTS {
-                    self.outputs.push_back(Output::Fc(out));
-                }
-            }
-        }
+        self.air = Air::Ground;
+        self.controller.reset(nav);
+        self.with_cockpit(now, 0.0, nav, |arbiter, c| arbiter.disarmed(c));
+        self.emit(Output::Event(Event::Landed(
+            self.arbiter.landed_state(self.air),
+        )));
     }
 
     // ---- sensors of the companion computer ---------------------------------------------------------------------
@@ -566,150 +549,7 @@ impl Flight {
         }
     }
 
-    // ---- arming ------------------------------------------------------------------------------------------------
-
-    fn confirm_arming(&mut self, now: Timestamp) {
-        match self.arming.step(now, &self.fc_arm) {
-            Some(Change::Armed(asked)) => {
-                self.emit(Output::Event(Event::Armed(true)));
-                self.answer_arming(asked, Outcome::Accepted);
-            }
-            Some(Change::Failed(asked)) => {
-                let why = self
-                    .fc_arm
-                    .block
-                    .map_or(Refusal::FcDidNotArm, |flag| Refusal::FcBlocks { flag });
-                self.answer_arming(asked, Outcome::Refused(why));
-            }
-            Some(Change::DisarmedByController) => {
-                self.emit(Output::Event(Event::Notice(Notice::FcDisarmed)));
-                self.disarm(now);
-            }
-            None => {}
-        }
-    }
-
-    fn answer_arming(&mut self, asked: Option<(RequestId, Station)>, outcome: Outcome) {
-        if let Some((id, station)) = asked {
-            self.emit(Output::Answer(Answer {
-                id,
-                station,
-                outcome,
-            }));
-        }
-    }
-
-    fn disarm(&mut self, now: Timestamp) {
-        self.arming.lower();
-        self.air = Air::Ground;
-        let nav = *self.estimator.state();
-        self.controller.reset(&nav);
-        self.emit(Output::Event(Event::Armed(false)));
-        self.with_cockpit(now, 0.0, &nav, |arbiter, c| arbiter.disarmed(c));
-        self.emit(Output::Event(Event::Landed(
-            self.arbiter.landed_state(self.air),
-        )));
-    }
-
-    // ---- requests ----------------------------------------------------------------------------------------------
-
-    fn asked(&mut self, now: Timestamp, asked: &Asked) {
-        let nav = *self.estimator.state();
-        let outcome = match &asked.request {
-            Request::Arm { force } => match self.arm(now, asked, *force) {
-                Ok(Some(outcome)) => Ok(outcome),
-                Ok(None) => return, // Answered when the controller confirms.
-                Err(why) => Err(why),
-            },
-            Request::Disarm { force } => self.ask_disarm(now, *force),
-            Request::Key(super::door::Key::Escape) if self.air == Air::Ground => {
-                self.ask_disarm(now, false)
-            }
-            Request::SetParam { index, value } => {
-                let changed = self
-                    .settings
-                    .set(usize::from(*index), *value, Origin::Mavlink);
-                self.apply_settings();
-                changed
-                    .map(|_| Outcome::Accepted)
-                    .map_err(|_| Refusal::BadNumber)
-            }
-            Request::SetHome(place) => self.set_home(&nav, *place),
-            Request::GroundHeartbeat => {
-                self.ground_heard = Some(now);
-                Ok(Outcome::Accepted)
-            }
-            Request::ShutDown => {
-                self.shutting_down = true;
-                if self.air == Air::Ground {
-                    self.ask_disarm(now, true)
-                } else {
-                    let because = Because::ShuttingDown;
-                    self.with_cockpit(now, 0.0, &nav, |arbiter, c| {
-                        arbiter.enter(c, Mode::Land, because)
-                    });
-                    Ok(Outcome::Accepted)
-                }
-            }
-            _ => {
-                let is_armed = self.arming.is_armed();
-                self.with_cockpit(now, 0.0, &nav, |arbiter, c| {
-                    arbiter.request(c, asked, is_armed)
-                })
-            }
-        };
-        let outcome = outcome.unwrap_or_else(Outcome::Refused);
-        self.emit(Output::Answer(Answer {
-            id: asked.id,
-            station: asked.station,
-            outcome,
-        }));
-    }
-
-    fn arm(
-        &mut self,
-        now: Timestamp,
-        asked: &Asked,
-        force: bool,
-    ) -> Result<Option<Outcome>, Refusal> {
-        if self.arming.is_armed() {
-            return Ok(Some(Outcome::Accepted));
-        }
-        let checks = self.checks();
-        let failure = if force {
-            health::controller_failure(&checks)
-        } else {
-            health::first_failure(&checks)
-        };
-        if let Some(why) = failure {
-            return Err(why);
-        }
-        self.arming.raise(now, Some((asked.id, asked.station)));
-        Ok(None)
-    }
-
-    fn ask_disarm(&mut self, now: Timestamp, force: bool) -> Result<Outcome, Refusal> {
-        if self.air != Air::Ground && !force {
-            return Err(Refusal::Flying);
-        }
-        if self.arming.switch_is_high() {
-            self.disarm(now);
-        }
-        Ok(Outcome::Accepted)
-    }
-
-    fn set_home(&mut self, nav: &NavState, place: Option<In<Ned>>) -> Result<Outcome, Refusal> {
-        let home = match place {
-            Some(p) if p.is_finite() => p,
-            Some(_) => return Err(Refusal::BadNumber),
-            None if nav.health.position => nav.position.with_z(0.0),
-            None => return Err(Refusal::NotLocalized),
-        };
-        self.home = home;
-        self.home_yaw_rad = nav.yaw_rad();
-        self.emit(Output::Event(Event::HomeSet));
-        Ok(Outcome::Accepted)
-    }
+    // ---- settings ---------------------------------------------------------------------------------------------
 
     fn apply_settings(&mut self) {
         let firmware = self.client.identity().map(|identity| identity.firmware);
@@ -720,18 +560,6 @@ impl Flight {
         self.arbiter
             .mission_mut()
             .set_params(self.settings.planner.clone());
-    }
-
-    fn checks(&self) -> Checks<'_> {
-        Checks {
-            fc_is_connected: self.fc.is_connected,
-            fc: &self.fc_arm,
-            nav: self.estimator.state(),
-            rangers_alive: self.snapshot.rangers_alive,
-            battery: self.snapshot.battery.and_then(|b| b.remaining),
-            is_shutting_down: self.shutting_down,
-            params: &self.settings.autopilot,
-        }
     }
 
     // ---- out ---------------------------------------------------------------------------------------------------
@@ -756,6 +584,7 @@ impl Flight {
         self.fc.round_trip_us = statistics.rtt_us;
         self.fc.bad_frames = statistics.bad_frames;
         self.fc.timeouts = statistics.timeouts;
+        self.fc.steering = self.handover.steering();
         self.snapshot.rangers_alive = self
             .ring
             .horizontal_at()
@@ -783,6 +612,7 @@ impl Flight {
         s.thrust_target = self.control.thrust_fraction;
         s.sticks = sticks;
         s.fc = self.fc;
+        s.flight_loop.sample_to_command = self.latency.summary();
         s.scan = self.ring.picture(now);
         s.mission = self.arbiter.mission_status();
         s.home = self.home;

@@ -10,6 +10,12 @@ use vehicle::NavState;
 pub struct Checks<'a> {
     /// The flight controller answers and is identified.
     pub fc_is_connected: bool,
+    /// It is of a firmware we do not know.
+    pub unknown_firmware: Option<[u8; 4]>,
+    /// It answers but does not run its loop.
+    pub is_stalled: bool,
+    /// Blocks that pass once frames with a low switch come do not count.
+    pub may_wait: bool,
     /// What it says about arming.
     pub fc: &'a FcArmState,
     /// The estimate.
@@ -39,7 +45,19 @@ pub fn controller_failure(c: &Checks<'_>) -> Option<Refusal> {
     if !c.fc_is_connected {
         return Some(Refusal::FcSilent);
     }
-    c.fc.block.map(|flag| Refusal::FcBlocks { flag })
+    if let Some(variant) = c.unknown_firmware {
+        return Some(Refusal::FcUnknown { variant });
+    }
+    if c.is_stalled {
+        return Some(Refusal::FcStalled);
+    }
+    let blocks = c.fc.blocks;
+    let is_clear = if c.may_wait {
+        blocks.will_pass()
+    } else {
+        blocks.is_clear()
+    };
+    (!is_clear).then_some(Refusal::FcBlocks(blocks))
 }
 
 /// What we object to; a forced arm skips it.
@@ -64,7 +82,7 @@ fn own_failure(c: &Checks<'_>) -> Option<Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autopilot::door::FcBlock;
+    use crate::autopilot::door::FcBlocks;
     use vehicle::NavHealth;
 
     #[test]
@@ -81,13 +99,20 @@ mod tests {
             ..unknown
         };
         let blocked = FcArmState {
-            block: Some(FcBlock("THROTTLE".try_into().unwrap())),
+            blocks: FcBlocks {
+                variant: *b"BTFL",
+                count: 29,
+                flags: 1 << 7 | 1 << 8,
+            },
             ..Default::default()
         };
         let free = FcArmState::default();
         let said = |c: &Checks<'_>| first_failure(c).map(|r| r.to_string()).unwrap_or_default();
         let c = Checks {
             fc_is_connected: false,
+            unknown_firmware: Some(*b"EMUF"),
+            is_stalled: true,
+            may_wait: false,
             fc: &blocked,
             nav: &unknown,
             rangers_alive: false,
@@ -100,7 +125,23 @@ mod tests {
             fc_is_connected: true,
             ..c
         };
-        assert_eq!(said(&c), "flight controller blocks arming: THROTTLE");
+        assert_eq!(
+            said(&c),
+            "flight controller firmware EMUF is not known: watched, not flown"
+        );
+        let c = Checks {
+            unknown_firmware: None,
+            ..c
+        };
+        assert!(said(&c).contains("cycle time 0"));
+        let c = Checks {
+            is_stalled: false,
+            ..c
+        };
+        assert_eq!(
+            said(&c),
+            "flight controller blocks arming: THROTTLE (throttle is not low), ANGLE (not level enough)"
+        );
         let c = Checks { fc: &free, ..c };
         assert_eq!(said(&c), "attitude and height are not known yet");
         let c = Checks { nav: &flying, ..c };

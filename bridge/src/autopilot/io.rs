@@ -29,6 +29,8 @@ pub enum Input {
     JobDone(SearchResult),
     /// Only time has passed.
     Wake,
+    /// The line to the flight controller is gone.
+    FcClosed,
 }
 
 /// What `Flight` wants done.

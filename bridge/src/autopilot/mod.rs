@@ -5,11 +5,16 @@
 
 pub mod arbiter;
 pub mod arming;
+pub mod beat;
 pub mod door;
+pub mod failsafe_page;
 pub mod flight;
 pub mod ground;
+pub mod handover;
 pub mod health;
 pub mod io;
+pub mod keeper;
+pub mod latency;
 pub mod mode;
 pub mod modes;
 pub mod params;

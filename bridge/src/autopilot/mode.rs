@@ -87,13 +87,19 @@ pub enum Because {
     ShuttingDown,
     /// The estimator has no usable state.
     EstimatorFailed,
+    /// The flight controller stopped answering.
+    FcSilent,
+    /// The flight loop itself was held up.
+    LoopHeld,
+    /// The pilot took over with his radio.
+    PilotTookOver,
 }
 
 impl Because {
     /// True if the mode was forced by a failsafe.
     #[must_use]
     pub const fn is_failsafe(self) -> bool {
-        !matches!(self, Self::Asked | Self::Finished)
+        !matches!(self, Self::Asked | Self::Finished | Self::PilotTookOver)
     }
 }
 

@@ -43,6 +43,10 @@ pub struct Facts<'a> {
     pub manual_silent_s: f64,
     /// Battery left, 0..=1.
     pub battery: Option<f64>,
+    /// Time since the flight controller said anything.
+    pub fc_silent_s: f64,
+    /// Time between the last two ticks.
+    pub loop_gap_s: f64,
     /// Parameters.
     pub params: &'a AutopilotParams,
 }
@@ -58,21 +62,49 @@ pub struct Row {
     pub action: fn(&Facts<'_>) -> Option<Mode>,
     /// The pilot is told when its condition ends (not where the answer itself ends it).
     pub tells_end: bool,
-    /// For the documentation.
+    /// When it fires, for the documentation.
     pub doc: &'static str,
+    /// What it does, for the documentation.
+    pub does: &'static str,
 }
 
 /// Rangers may be silent this long before the vehicle no longer flies on what it remembers.
 const RANGERS_SILENT_S: f64 = 1.0;
 
+/// A flight controller that answers 60 times a second and is silent for this long will not answer soon.
+pub const FC_SILENT_S: f64 = 0.2;
+/// A stall of the flight loop that Betaflight's receiver does not bridge: it idles the motors after 0.30 s without a frame.
+pub const LOOP_HELD_S: f64 = 0.3;
+/// A descent without attitude from the ceiling is over after this, s.
+const BLIND_DESCENT_S: f64 = 8.0;
+/// Share of the hover throttle that brings a level vehicle down.
+const BLIND_THROTTLE: f64 = 0.95;
+
 /// The failsafes, most important first.
-pub const TABLE: [Row; 8] = [
+pub const TABLE: [Row; 10] = [
+    Row {
+        because: Because::FcSilent,
+        when: |f| f.is_armed && f.fc_silent_s > FC_SILENT_S,
+        action: |_| Some(Mode::Land),
+        tells_end: true,
+        doc: "flight controller silent for 0.2 s while armed",
+        does: "Land; until it answers: sticks level, throttle 95 % of hover; after 8 s the arm switch is lowered",
+    },
+    Row {
+        because: Because::LoopHeld,
+        when: |f| f.is_flying && f.loop_gap_s > LOOP_HELD_S,
+        action: |_| Some(Mode::Land),
+        tells_end: false,
+        doc: "the flight loop itself was held up for more than 0.3 s in the air",
+        does: "Land, from the first tick that runs again",
+    },
     Row {
         because: Because::EstimatorFailed,
         when: |f| f.is_flying && !f.has_attitude_and_height,
         action: |_| Some(Mode::Land),
         tells_end: true,
         doc: "attitude or height unknown in the air",
+        does: "Land; without attitude: sticks level, throttle 95 % of hover; after 8 s the arm switch is lowered",
     },
     Row {
         because: Because::NotLocalized,
@@ -80,6 +112,7 @@ pub const TABLE: [Row; 8] = [
         action: |_| Some(Mode::Land),
         tells_end: false,
         doc: "search flight longer than LOC_SEARCH_T",
+        does: "Land",
     },
     Row {
         because: Because::NotLocalized,
@@ -92,6 +125,7 @@ pub const TABLE: [Row; 8] = [
         action: |_| Some(Mode::Land),
         tells_end: true,
         doc: "place unknown in the air for LOC_LOST_T in a mode that needs it",
+        does: "Land",
     },
     Row {
         because: Because::RangersSilent,
@@ -103,6 +137,7 @@ pub const TABLE: [Row; 8] = [
         action: |_| Some(Mode::Land),
         tells_end: true,
         doc: "no horizontal range finder for 1 s in a mode that avoids obstacles",
+        does: "Land",
     },
     Row {
         because: Because::BatteryLow,
@@ -114,6 +149,7 @@ pub const TABLE: [Row; 8] = [
         action: |f| (!matches!(f.mode, Mode::Land | Mode::Return)).then_some(Mode::Return),
         tells_end: true,
         doc: "battery below BAT_LOW_THR",
+        does: "Return, unless landing already",
     },
     Row {
         because: Because::GroundLost,
@@ -131,6 +167,7 @@ pub const TABLE: [Row; 8] = [
         },
         tells_end: true,
         doc: "no ground station heartbeat for COM_DL_LOSS_T (only if one was ever heard)",
+        does: "NAV_DLL_ACT: Land by default",
     },
     Row {
         because: Because::OffboardSilent,
@@ -140,6 +177,7 @@ pub const TABLE: [Row; 8] = [
         action: |_| Some(Mode::Hold),
         tells_end: false,
         doc: "mode Offboard without a set point for COM_OF_LOSS_T",
+        does: "Hold",
     },
     Row {
         because: Because::ManualSilent,
@@ -151,6 +189,7 @@ pub const TABLE: [Row; 8] = [
         action: |_| Some(Mode::Hold),
         tells_end: false,
         doc: "stick mode without sticks for COM_RC_LOSS_T + KST_MAN_HOLD_T",
+        does: "Hold",
     },
 ];
 
@@ -167,6 +206,8 @@ pub enum Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Supervisor {
     firing: [bool; TABLE.len()],
+    /// How long we have flown without attitude, s.
+    blind_s: f64,
 }
 
 impl Supervisor {
@@ -191,6 +232,18 @@ impl Supervisor {
         }
     }
 
+    /// Counts the time without attitude; true when a blind descent has lasted so long that the vehicle is down whatever it
+    /// did, and the motors must stop.
+    #[must_use]
+    pub fn is_blind_too_long(&mut self, dt_s: f64, is_flying: bool, has_attitude: bool) -> bool {
+        self.blind_s = if is_flying && !has_attitude {
+            self.blind_s + dt_s
+        } else {
+            0.0
+        };
+        self.blind_s > BLIND_DESCENT_S
+    }
+
     /// Sticks fit to be sent: idle unless armed, in range, and level with sinking thrust when attitude is unknown.
     #[must_use]
     pub fn clear(
@@ -206,7 +259,7 @@ impl Supervisor {
             (true, true) => wanted.clamped(),
             // The controller keeps itself level in angle mode; a little less than hover brings it down.
             (true, false) => Sticks {
-                throttle: hover_throttle * 0.95,
+                throttle: hover_throttle * BLIND_THROTTLE,
                 ..Sticks::IDLE
             }
             .clamped(),
@@ -244,6 +297,8 @@ mod tests {
             offboard_silent_s: f64::INFINITY,
             manual_silent_s: f64::INFINITY,
             battery: Some(0.9),
+            fc_silent_s: 0.01,
+            loop_gap_s: 0.025,
             params,
         }
     }
@@ -262,7 +317,21 @@ mod tests {
     #[test]
     fn each_row_acts() {
         let p = AutopilotParams::default();
-        let cases: [(Facts<'_>, Verdict); 8] = [
+        let cases: [(Facts<'_>, Verdict); 10] = [
+            (
+                Facts {
+                    fc_silent_s: 0.21,
+                    ..well(&p)
+                },
+                Verdict::Act(Because::FcSilent, Mode::Land),
+            ),
+            (
+                Facts {
+                    loop_gap_s: 0.31,
+                    ..well(&p)
+                },
+                Verdict::Act(Because::LoopHeld, Mode::Land),
+            ),
             (
                 Facts {
                     has_attitude_and_height: false,
@@ -384,6 +453,24 @@ mod tests {
                 Verdict::Clear(Because::GroundLost)
             ]
         );
+    }
+
+    #[test]
+    fn a_loop_held_for_a_fifth_of_a_second_is_no_reason_to_land() {
+        let p = AutopilotParams::default();
+        let held = Facts {
+            loop_gap_s: 0.2,
+            ..well(&p)
+        };
+        assert_eq!(verdicts(&held), []);
+    }
+
+    #[test]
+    fn a_blind_descent_ends_with_the_motors_stopped() {
+        let mut s = Supervisor::default();
+        let ticks = (0..400).take_while(|_| !s.is_blind_too_long(0.025, true, false));
+        assert!((318..=322).contains(&ticks.count()));
+        assert!(!s.is_blind_too_long(0.025, true, true));
     }
 
     #[test]

@@ -26,7 +26,7 @@ use vehicle::{Airframe, Pace, RingConfig, Timestamp};
 
 /// How often the door is looked at when no link speaks.
 const LOOK: Duration = Duration::from_millis(2);
-/// A controller that has not said who it is after this is not there.
+/// A controller that has not said who it is after this does not hear us, or we not it.
 const FIRST_ANSWER: Duration = Duration::from_secs(6);
 /// Longest landing before the program ends anyway.
 const LANDING: Duration = Duration::from_secs(30);
@@ -204,7 +204,9 @@ impl GroundLoop {
         let mut status = Pace::hz(2.0);
         let mut texts_shown = Timestamp::ZERO;
         let mut seen_tick = 0;
-        let mut was_found = false;
+        // Open, and whether it answers is not known yet.
+        let mut is_open = false;
+        let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
         loop {
             let mut event = self.links.wait(LOOK);
@@ -234,6 +236,14 @@ impl GroundLoop {
                 match news {
                     News::Answer(answer) => self.ground.answer(now, &answer),
                     News::Event(event) => self.ground.event(now, &event),
+                    News::Realtime(granted) => self.terminal.line(&format!("  {granted}")),
+                    News::LineAbsent(why) => self
+                        .terminal
+                        .line(&format!("  {why}; trying again until it is there")),
+                    News::LineOpened => {
+                        is_open = true;
+                        opened_at = now;
+                    }
                 }
                 self.carry_out();
             }
@@ -250,14 +260,14 @@ impl GroundLoop {
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(&snapshot, known.len());
             }
-            was_found |= snapshot.fc.is_connected;
-            if !was_found && now > Timestamp::ZERO + FIRST_ANSWER {
-                self.terminal.finish();
-                anyhow::bail!(
-                    "flight controller {} did not answer MSP within {} s: check the baud rate and that MSP is enabled on that port",
-                    self.fc,
-                    FIRST_ANSWER.as_secs()
-                );
+            if snapshot.fc.is_connected {
+                is_open = false;
+            } else if is_open && now.since(opened_at) > FIRST_ANSWER {
+                is_open = false;
+                self.terminal.line(&format!(
+                    "  flight controller {} does not answer MSP: check the baud rate and that MSP is enabled on that port; asking on",
+                    self.fc
+                ));
             }
             match (self.stop.count(), stopping_since) {
                 (0, _) => {}

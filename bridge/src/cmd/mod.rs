@@ -6,6 +6,8 @@ pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;
 pub(crate) mod msp;
+pub(crate) mod msp_ask;
+pub(crate) mod msp_serve;
 pub(crate) mod params;
 pub(crate) mod picture;
 pub(crate) mod rooms;

@@ -1,5 +1,7 @@
-//! `kestrel msp decode`: frames of a recorded line as JSON, for people with a logic analyser and for tests.
+//! `kestrel msp`, and its `decode`: frames of a recorded line as JSON, for people with a logic analyser and for tests.
 
+use super::msp_ask::AskArgs;
+use super::msp_serve::ServeArgs;
 use anyhow::{Context as _, Result};
 use clap::{Args, Subcommand};
 use msp::frame::{Accept, Counters, Decoder, Direction, Frame, Framing};
@@ -14,7 +16,7 @@ use std::process::ExitCode;
 /// Look into the protocol of flight controllers.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel msp decode capture.bin\n  echo 244d3e066c85ff2d000e0132 | kestrel msp decode --hex -"
+    after_help = "Examples:\n  kestrel msp decode capture.bin\n  echo 244d3e066c85ff2d000e0132 | kestrel msp decode --hex -\n  kestrel msp ask tcpclient://127.0.0.1:5761 attitude analog\n  kestrel msp serve"
 )]
 pub(crate) struct MspArgs {
     #[command(subcommand)]
@@ -31,6 +33,16 @@ enum MspCommand {
         kestrel msp decode --hex frames.txt"
     )]
     Decode(DecodeArgs),
+    /// Ask a flight controller and print its answers as JSON.
+    #[command(
+        after_help = "Examples:\n  kestrel msp ask serial:///dev/ttyAMA0?baudrate=115200 MSP_FC_VERSION MSP_ATTITUDE\n  kestrel msp ask tcpclient://127.0.0.1:5761 attitude --count 1000"
+    )]
+    Ask(AskArgs),
+    /// A simulated flight controller on TCP, for client libraries and configurators.
+    #[command(
+        after_help = "Examples:\n  kestrel msp serve\n  kestrel msp serve tcpserver://127.0.0.1:5762 --serial-rate 1000 --baud 1000000"
+    )]
+    Serve(ServeArgs),
 }
 
 #[derive(Debug, Args)]
@@ -44,7 +56,11 @@ struct DecodeArgs {
 }
 
 pub(crate) fn run(args: &MspArgs) -> Result<ExitCode> {
-    let MspCommand::Decode(args) = &args.command;
+    let args = match &args.command {
+        MspCommand::Ask(args) => return super::msp_ask::run(args),
+        MspCommand::Decode(args) => args,
+        MspCommand::Serve(args) => return super::msp_serve::run(args),
+    };
     let out = BufWriter::new(std::io::stdout().lock());
     let result = decode(args, out);
     match result {
@@ -239,7 +255,7 @@ impl<W: Write> Listing<W> {
     }
 }
 
-fn reply_fields(number: u16, payload: &[u8]) -> Result<Value, ParseError> {
+pub(super) fn reply_fields(number: u16, payload: &[u8]) -> Result<Value, ParseError> {
     Ok(match Reply::parse(number, payload)? {
         Reply::Ack { .. } | Reply::Other(_) => json!({}),
         reply => json!(reply),

@@ -21,6 +21,9 @@ pub(crate) struct ParamsArgs {
     /// The reference page of the documentation.
     #[arg(long)]
     markdown: bool,
+    /// The failsafe page of the documentation.
+    #[arg(long, hide = true)]
+    failsafes: bool,
     /// Configuration file (TOML) to show the values of.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -31,7 +34,9 @@ pub(crate) struct ParamsArgs {
 
 pub(crate) fn run(args: &ParamsArgs) -> Result<ExitCode> {
     let settings = super::settings(args.config.as_deref(), &args.params)?;
-    let text = if args.markdown {
+    let text = if args.failsafes {
+        bridge::autopilot::failsafe_page::page()
+    } else if args.markdown {
         markdown(&settings)
     } else if let Some(name) = &args.name {
         one(&settings, name)?

@@ -11,9 +11,12 @@
 //!
 //! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
 
+use crate::autopilot::door::FcBlocks;
 use core::time::Duration;
 use msp::firmware::Firmware;
-use msp::message::{Altitude, Analog, Attitude, BatteryState, InavAnalog, RawImu};
+use msp::message::{
+    Altitude, Analog, Attitude, BatteryState, InavAnalog, InavStatus, RawImu, Reply, Status,
+};
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::angle::wrap_pi;
 use vehicle::{AttitudeSample, BaroSample, BatterySample, ImuSample, In, Timestamp};
@@ -35,6 +38,38 @@ pub const fn four_letters(firmware: Firmware) -> [u8; 4] {
         Firmware::Inav => *b"INAV",
         Firmware::MultiWii => *b"MWII",
         Firmware::Other(letters) => letters,
+    }
+}
+
+/// What a status reply says about arming; none if it says nothing.
+#[must_use]
+pub fn arming_blocks(firmware: Firmware, reply: &Reply) -> Option<FcBlocks> {
+    let (count, flags) = match reply {
+        Reply::Status(Status {
+            tail: Some(tail), ..
+        }) => (tail.arming_disable_count, tail.arming_disable),
+        Reply::StatusEx(status) => {
+            let tail = status.betaflight()?;
+            (tail.arming_disable_count, tail.arming_disable)
+        }
+        Reply::InavStatus(InavStatus { arming_flags, .. }) => (32, *arming_flags),
+        _ => return None,
+    };
+    Some(FcBlocks {
+        variant: four_letters(firmware),
+        count,
+        flags,
+    })
+}
+
+/// Time of the controller's own loop in a status reply, us; 0 = it does not run.
+#[must_use]
+pub const fn cycle_time_us(reply: &Reply) -> Option<u16> {
+    match reply {
+        Reply::Status(s) => Some(s.head.cycle_time_us),
+        Reply::StatusEx(s) => Some(s.head.cycle_time_us),
+        Reply::InavStatus(s) => Some(s.cycle_time_us),
+        _ => None,
     }
 }
 

@@ -30,6 +30,26 @@ pub fn stick_us(sticks: Sticks) -> [u16; 4] {
     ]
 }
 
+/// Sticks that a receiver shows in roll, pitch, yaw, throttle order; the inverse of [`stick_us`]. None if a channel is missing or no
+/// pulse (below 885 us).
+#[must_use]
+pub fn sticks_of_rc(channels_us: &[u16]) -> Option<Sticks> {
+    let &[roll, pitch, yaw, throttle, ..] = channels_us else {
+        return None;
+    };
+    if [roll, pitch, yaw, throttle].iter().any(|us| *us < 885) {
+        return None;
+    }
+    let centred = |us: u16| (f64::from(us) - 1500.0) / 500.0;
+    let sticks = Sticks {
+        roll: centred(roll),
+        pitch: -centred(pitch),
+        yaw: centred(yaw),
+        throttle: (f64::from(throttle) - 1000.0) / 1000.0,
+    };
+    Some(sticks.clamped())
+}
+
 /// Aux1 to Aux4 as they are always sent: what the switches of a controller must be set for.
 #[must_use]
 pub fn aux_us(arm: bool) -> [u16; 4] {
@@ -52,6 +72,7 @@ pub fn channels(sticks: &Cleared<Sticks>, arm: bool, map: &RxMap) -> (Channels, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::autopilot::supervisor::Supervisor;
     use proptest::prelude::*;
 
     #[test]
@@ -82,6 +103,26 @@ mod tests {
         fn no_stick_leaves_1000_to_2000(r in any::<f64>(), p in any::<f64>(), y in any::<f64>(), t in any::<f64>()) {
             let us = stick_us(Sticks { roll: r, pitch: p, yaw: y, throttle: t });
             prop_assert!(us.iter().all(|v| (1000..=2000).contains(v)), "{us:?}");
+        }
+
+        #[test]
+        fn through_any_receiver_map_every_channel_stays_in_1000_to_2000_and_none_is_lost(
+            r in any::<f64>(), p in any::<f64>(), y in any::<f64>(), t in any::<f64>(), arm in any::<bool>(), blind in any::<bool>(),
+            map in Just([0u8, 1, 2, 3, 4, 5, 6, 7]).prop_shuffle()
+        ) {
+            let wanted = Sticks { roll: r, pitch: p, yaw: y, throttle: t };
+            let cleared = Supervisor::default().clear(wanted, true, !blind, 0.5);
+            let map = RxMap { map: map.into_iter().collect() };
+            let (wire, telemetry) = channels(&cleared, arm, &map);
+            prop_assert!(wire.iter().chain(&telemetry).all(|v| (1000..=2000).contains(v)), "{wire:?}");
+            for (channel, position) in map.map.iter().enumerate() {
+                prop_assert_eq!(wire[usize::from(*position)], telemetry[channel]);
+            }
+        }
+
+        #[test]
+        fn a_pilots_sticks_repeated_are_the_same_pulses(us in prop::array::uniform4(1000u16..=2000)) {
+            prop_assert_eq!(stick_us(sticks_of_rc(&us).unwrap()), us);
         }
     }
 }

@@ -20,7 +20,7 @@ mod tests;
 use self::table::Verdict;
 use super::convert::{mode_from_px4, result_of_refusal};
 use super::{Context, Destination, LinkId, Outbox, Peer};
-use crate::autopilot::door::{Answer, Outcome, Request, RequestId, Severity};
+use crate::autopilot::door::{Answer, Outcome, Refusal, Request, RequestId, Severity};
 use arrayvec::ArrayVec;
 use core::time::Duration;
 use mavlink_dialect::command::{Command, cmd, result};
@@ -164,6 +164,7 @@ impl CommandService {
         let Some(entry) = self.entries.iter_mut().find(is_it) else {
             return false;
         };
+        let mut param2 = 0;
         let result = match &answer.outcome {
             Outcome::Accepted | Outcome::KeyTaken(_) => result::ACCEPTED,
             Outcome::Refused(why) => {
@@ -171,10 +172,13 @@ impl CommandService {
                     Severity::Warning,
                     format!("{} refused: {why}", table::label(&entry.command)),
                 );
+                if let Refusal::FcBlocks(blocks) = why {
+                    param2 = blocks.flags.cast_signed();
+                }
                 result_of_refusal(why)
             }
         };
-        ack(entry.client, entry.command.number, result, out);
+        ack_with(entry.client, entry.command.number, result, param2, out);
         entry.state = State::Answered { result, at: now };
         true
     }
@@ -282,6 +286,11 @@ impl CommandService {
 }
 
 fn ack(client: Peer, command: u16, result: u8, out: &mut Outbox) {
+    ack_with(client, command, result, 0, out);
+}
+
+/// With `result_param2`: the blocking flags of the flight controller, as its firmware numbers them.
+fn ack_with(client: Peer, command: u16, result: u8, result_param2: i32, out: &mut Outbox) {
     let ack = raw::COMMAND_ACK_DATA {
         command,
         result,
@@ -290,7 +299,7 @@ fn ack(client: Peer, command: u16, result: u8, out: &mut Outbox) {
         } else {
             0
         },
-        result_param2: 0,
+        result_param2,
         target_system: client.address.system,
         target_component: client.address.component,
     };

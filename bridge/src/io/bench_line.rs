@@ -2,10 +2,11 @@
 
 use super::clock::{self, Clock};
 use super::endpoint::Endpoint;
-use super::flight_thread::{Line, LineError};
+use super::line::{Line, LineError};
 use crate::fc::conversation::{AskError, Controller, Conversation, Outcome};
 use msp::{Message as _, message::ApiVersion};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFd, Timespec, poll};
+use rustix::fd::AsFd as _;
 use std::io;
 use std::time::Duration;
 use vehicle::Timestamp;
@@ -70,7 +71,7 @@ impl BenchLine {
             return;
         };
         let _ = poll(
-            &mut [PollFd::from_borrowed_fd(line.fd(), PollFlags::IN)],
+            &mut [PollFd::from_borrowed_fd(line.as_fd(), line.interest())],
             Some(&timeout),
         );
     }
@@ -83,22 +84,13 @@ impl BenchLine {
     fn exchange(&mut self) -> Outcome {
         loop {
             while let Some(frame) = self.talk.poll_transmit() {
-                let mut rest = frame;
-                while !rest.is_empty() {
-                    let Some(line) = &mut self.line else {
-                        return Err(AskError::Line("closed".to_owned()));
-                    };
-                    match line.write(rest) {
-                        Ok(n) => rest = &rest[n..],
-                        Err(e) if e.kind() == io::ErrorKind::WouldBlock => {
-                            clock::sleep(Duration::from_millis(2));
-                        }
-                        Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                        Err(e) => {
-                            self.line = None;
-                            return Err(AskError::Line(e.to_string()));
-                        }
-                    }
+                // A frame there is no room for is dropped; the conversation asks again.
+                let Some(line) = &mut self.line else {
+                    return Err(AskError::Line("closed".to_owned()));
+                };
+                if let Err(e) = line.write(frame) {
+                    self.line = None;
+                    return Err(AskError::Line(e.to_string()));
                 }
             }
             if let Some(until) = self.talk.deadline() {
@@ -108,6 +100,9 @@ impl BenchLine {
             let Some(line) = &mut self.line else {
                 return Err(AskError::Line("closed".to_owned()));
             };
+            if let Err(e) = line.flush() {
+                return Err(self.lost(&e.to_string()));
+            }
             match line.read(&mut buffer) {
                 Ok(0) => return Err(self.lost("closed by the other end")),
                 Ok(n) => {

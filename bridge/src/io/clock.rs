@@ -1,25 +1,23 @@
 //! The only reader of the clock.
 
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use rustix::time::{ClockId, Timespec, clock_gettime};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use vehicle::Timestamp;
 
 /// Monotonic time since the program began, at a chosen speed.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
-    start: Instant,
+    /// CLOCK_MONOTONIC at the start, ns.
+    start_ns: u64,
     speed: f64,
 }
 
 impl Clock {
     /// Starts now; `speed` seconds pass on it in each second.
     #[must_use]
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "this file is where the clock is read"
-    )]
     pub fn start(speed: f64) -> Self {
         Self {
-            start: Instant::now(),
+            start_ns: monotonic_ns(),
             speed,
         }
     }
@@ -27,7 +25,8 @@ impl Clock {
     /// Time on this clock.
     #[must_use]
     pub fn now(&self) -> Timestamp {
-        Timestamp::from_us((self.start.elapsed().as_secs_f64() * self.speed * 1e6) as u64)
+        let ns = monotonic_ns().saturating_sub(self.start_ns);
+        Timestamp::from_us((ns as f64 * self.speed * 1e-3) as u64)
     }
 
     /// How long to wait, in real time, until this clock shows `at`.
@@ -35,6 +34,23 @@ impl Clock {
     pub fn until(&self, at: Timestamp) -> Duration {
         Duration::from_secs_f64(at.seconds_since(self.now()).max(0.0) / self.speed)
     }
+
+    /// When this clock shows `at`, as CLOCK_MONOTONIC: for absolute timers. Never zero, which would disarm them.
+    #[must_use]
+    pub fn absolute(&self, at: Timestamp) -> Timespec {
+        let ns = self.start_ns + (at.us() as f64 * 1e3 / self.speed) as u64;
+        Timespec {
+            tv_sec: (ns / 1_000_000_000) as i64,
+            tv_nsec: (ns % 1_000_000_000).max(1) as _,
+        }
+    }
+}
+
+/// CLOCK_MONOTONIC, ns since some start of its own.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let t = clock_gettime(ClockId::Monotonic);
+    (t.tv_sec as u64) * 1_000_000_000 + t.tv_nsec as u64
 }
 
 /// UTC now, microseconds since 1970.

@@ -1,23 +1,29 @@
 //! The thread that owns the real flight controller's line and the `Flight` machine.
 //!
-//! It waits in one `poll` for bytes, requests and its deadline, and never for anything else: requests come through a
+//! It waits in one `poll` for bytes, requests and an absolute timer, and never for anything else: requests come through a
 //! bounded ring with a wake-up descriptor, answers leave through a bounded ring, the snapshot through a cell that is
-//! skipped for a tick when the reader holds it.
+//! skipped for a tick when the reader holds it. What may block (opening a line, a search) is done by two threads of its own.
+//!
+//! The order of a round is what counts for the age of a command: bytes are read and stamped, the tick runs, the RC frame
+//! is written, and only then anything else happens.
 
 use super::clock::Clock;
 use super::endpoint::Endpoint;
+use super::line::{Line, LineError};
+use super::realtime::Realtime;
+use super::timer::AbsoluteTimer;
 use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
 use crate::autopilot::flight::Flight;
 use crate::autopilot::io::{FcBytes, Input, Output};
-use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
-use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
-use rustix::termios::{OptionalActions, QueueSelector};
-use std::io::{self, Read as _, Write as _};
-use std::net::TcpStream;
+use crate::autopilot::keeper::Keeper;
+use crate::autopilot::latency::Histogram;
+use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
+use rustix::fd::{AsFd as _, OwnedFd};
+use std::io;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
+use std::thread;
 use std::time::Duration;
-use thiserror::Error;
 use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
@@ -26,93 +32,12 @@ const REQUESTS: usize = 256;
 const NEWS: usize = 1024;
 /// Pause before a lost line is opened again.
 const REOPEN: Duration = Duration::from_millis(500);
-
-/// Why the flight controller's line could not be opened.
-#[derive(Debug, Error)]
-pub enum LineError {
-    /// No such device, or not allowed.
-    #[error(
-        "flight controller {endpoint}: {source}: check the cable, the name and that you may open it (group dialout)"
-    )]
-    Open {
-        /// Where.
-        endpoint: Endpoint,
-        /// Reason.
-        source: io::Error,
-    },
-    /// Not a kind of line a flight controller is on.
-    #[error("flight controller {0}: use serial:///dev/...?baudrate=N or tcpclient://host:port")]
-    Kind(Endpoint),
-    /// The thread could not be started.
-    #[error("cannot start the flight thread: {0}")]
-    Thread(io::Error),
-}
-
-/// An open line.
-pub(super) enum Line {
-    Serial(std::fs::File),
-    Tcp(TcpStream),
-}
-
-impl Line {
-    pub(super) fn open(endpoint: &Endpoint) -> Result<Self, LineError> {
-        let failed = |source| LineError::Open {
-            endpoint: endpoint.clone(),
-            source,
-        };
-        match endpoint {
-            Endpoint::Serial { device, baud } => {
-                open_serial(device, *baud).map(Self::Serial).map_err(failed)
-            }
-            Endpoint::TcpClient(address) => {
-                let stream = TcpStream::connect(address).map_err(failed)?;
-                stream
-                    .set_nodelay(true)
-                    .and_then(|()| stream.set_nonblocking(true))
-                    .map_err(failed)?;
-                Ok(Self::Tcp(stream))
-            }
-            other => Err(LineError::Kind(other.clone())),
-        }
-    }
-
-    pub(super) fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::Serial(file) => file.read(into),
-            Self::Tcp(stream) => stream.read(into),
-        }
-    }
-
-    pub(super) fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Self::Serial(file) => file.write(bytes),
-            Self::Tcp(stream) => stream.write(bytes),
-        }
-    }
-
-    pub(super) fn fd(&self) -> BorrowedFd<'_> {
-        match self {
-            Self::Serial(file) => file.as_fd(),
-            Self::Tcp(stream) => stream.as_fd(),
-        }
-    }
-}
-
-/// Raw, no flow control, never blocking.
-fn open_serial(device: &str, baud: u32) -> io::Result<std::fs::File> {
-    use rustix::fs::{Mode, OFlags};
-    let fd = rustix::fs::open(
-        device,
-        OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC,
-        Mode::empty(),
-    )?;
-    let mut settings = rustix::termios::tcgetattr(&fd)?;
-    settings.make_raw();
-    settings.set_speed(baud)?;
-    rustix::termios::tcsetattr(&fd, OptionalActions::Now, &settings)?;
-    rustix::termios::tcflush(&fd, QueueSelector::IOFlush)?;
-    Ok(std::fs::File::from(fd))
-}
+/// Bytes taken from the kernel at once.
+const READ: usize = 256;
+/// Reads in a row at most: a line that never pauses still leaves time for the tick.
+const READS: usize = 16;
+/// Requests carried out in a round at most.
+const REQUESTS_A_ROUND: usize = 16;
 
 /// News from the flight thread.
 #[derive(Clone, Debug)]
@@ -121,6 +46,12 @@ pub enum News {
     Answer(Answer),
     /// Something happened.
     Event(Event),
+    /// What the system granted the thread; once, at its start.
+    Realtime(Realtime),
+    /// The line cannot be opened; told once, it goes on being tried.
+    LineAbsent(String),
+    /// The line is open.
+    LineOpened,
 }
 
 /// The ground's end of the door.
@@ -137,7 +68,7 @@ impl FlightHandle {
     #[must_use]
     pub fn ask(&self, asked: Asked) -> bool {
         let taken = self.requests.try_send(asked).is_ok();
-        let _ = rustix::io::write(&*self.wake, &1u64.to_ne_bytes());
+        wake_up(&self.wake);
         taken
     }
 
@@ -155,159 +86,345 @@ impl FlightHandle {
     }
 }
 
-/// Opens the line and starts the thread.
+/// Starts the thread. A line that is not there yet is waited for.
 ///
 /// # Errors
-/// [`LineError`] says what to check.
-pub fn start(
-    mut flight: Flight,
-    endpoint: Endpoint,
-    clock: Clock,
-) -> Result<FlightHandle, LineError> {
-    let line = Line::open(&endpoint)?;
+/// [`LineError`]: no kind of line a flight controller is on, or the system has no threads left.
+pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightHandle, LineError> {
+    if !matches!(endpoint, Endpoint::Serial { .. } | Endpoint::TcpClient(_)) {
+        return Err(LineError::Kind(endpoint));
+    }
+    let failed = |e: rustix::io::Errno| LineError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
     let (tell, news) = sync_channel(NEWS);
-    let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)
-        .map_err(|e| LineError::Thread(e.into()))?;
+    let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
+    let timer = AbsoluteTimer::new().map_err(failed)?;
     let snapshot = Arc::new(Mutex::new(flight.snapshot().clone()));
+    let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(LineError::Thread)?;
+    let (want_line, lines) =
+        line_thread(endpoint, tell.clone(), Arc::clone(&wake)).map_err(LineError::Thread)?;
+    let kept = Arc::new(Kept::new().map_err(failed)?);
+    keeper_thread(Arc::clone(&kept), clock).map_err(LineError::Thread)?;
     let handle = FlightHandle {
         requests,
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
     };
-    let (jobs, job_requests) = sync_channel::<estimator::SearchRequest>(1);
-    let (job_results, done) = sync_channel::<estimator::SearchResult>(1);
-    let job_wake = Arc::clone(&wake);
-    std::thread::Builder::new()
-        .name("jobs".to_owned())
-        .spawn(move || {
-            for job in job_requests {
-                if job_results.send(estimator::search(&job)).is_err() {
-                    return;
-                }
-                let _ = rustix::io::write(&*job_wake, &1u64.to_ne_bytes());
-            }
-        })
-        .map_err(LineError::Thread)?;
-    std::thread::Builder::new()
+    let shell = Shell {
+        flight,
+        clock,
+        line: None,
+        want_line,
+        lines,
+        asked,
+        tell,
+        jobs,
+        done,
+        wake,
+        timer,
+        cell: snapshot,
+        kept,
+        own: Histogram::default(),
+        was_armed: false,
+    };
+    thread::Builder::new()
         .name("flight".to_owned())
-        .spawn(move || {
-            let mut shell = Shell {
-                line: Some(line),
-                endpoint,
-                clock,
-                tell,
-                jobs,
-                reopen_at: Timestamp::ZERO,
-            };
-            flight.handle(clock.now(), Input::FcOpened);
-            loop {
-                shell.carry_out(&mut flight);
-                if let Ok(mut cell) = snapshot.try_lock() {
-                    cell.clone_from(flight.snapshot());
-                }
-                shell.wait(&flight, &wake);
-                shell.read_line(&mut flight);
-                while let Ok(result) = done.try_recv() {
-                    flight.handle(clock.now(), Input::JobDone(result));
-                }
-                loop {
-                    match asked.try_recv() {
-                        Ok(request) => flight.handle(clock.now(), Input::Asked(request)),
-                        Err(TryRecvError::Empty) => break,
-                        Err(TryRecvError::Disconnected) => return,
-                    }
-                    shell.carry_out(&mut flight);
-                }
-                if flight.deadline() <= clock.now() {
-                    flight.handle(clock.now(), Input::Wake);
-                }
-            }
-        })
+        .spawn(move || shell.run())
         .map_err(LineError::Thread)?;
     Ok(handle)
 }
 
-struct Shell {
-    line: Option<Line>,
+fn wake_up(wake: &OwnedFd) {
+    let _ = rustix::io::write(wake, &1u64.to_ne_bytes());
+}
+
+type Jobs = (
+    SyncSender<estimator::SearchRequest>,
+    Receiver<estimator::SearchResult>,
+);
+
+/// Does searches.
+fn job_thread(wake: Arc<OwnedFd>) -> io::Result<Jobs> {
+    let (jobs, requests) = sync_channel::<estimator::SearchRequest>(1);
+    let (results, done) = sync_channel(1);
+    thread::Builder::new()
+        .name("jobs".to_owned())
+        .spawn(move || {
+            for job in requests {
+                if results.send(estimator::search(&job)).is_err() {
+                    return;
+                }
+                wake_up(&wake);
+            }
+        })?;
+    Ok((jobs, done))
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a thread that does nothing but wait for a device"
+)]
+fn pause() {
+    thread::sleep(REOPEN);
+}
+
+/// Opens the line whenever it is wanted, for as long as it takes.
+fn line_thread(
     endpoint: Endpoint,
+    tell: SyncSender<News>,
+    wake: Arc<OwnedFd>,
+) -> io::Result<(SyncSender<()>, Receiver<Line>)> {
+    let (want, wanted) = sync_channel::<()>(1);
+    let (opened, lines) = sync_channel(1);
+    thread::Builder::new()
+        .name("line".to_owned())
+        .spawn(move || {
+            let mut is_first = true;
+            for () in wanted {
+                // A device that has just vanished takes a moment to be really gone.
+                if !is_first {
+                    pause();
+                }
+                is_first = false;
+                let mut told = false;
+                let line = loop {
+                    match Line::open(&endpoint) {
+                        Ok(line) => break line,
+                        Err(e) if !told => {
+                            told = true;
+                            let _ = tell.try_send(News::LineAbsent(e.to_string()));
+                        }
+                        Err(_) => {}
+                    }
+                    pause();
+                };
+                let _ = tell.try_send(News::LineOpened);
+                if opened.send(line).is_err() {
+                    return;
+                }
+                wake_up(&wake);
+            }
+        })?;
+    Ok((want, lines))
+}
+
+/// What flight thread and keeper share. The keeper holds the lock for a write that never blocks, the flight thread for a copy.
+struct Kept {
+    shared: Mutex<(Keeper, Option<OwnedFd>)>,
+    wake: OwnedFd,
+}
+
+impl Kept {
+    fn new() -> rustix::io::Result<Self> {
+        Ok(Self {
+            shared: Mutex::new((Keeper::default(), None)),
+            wake: eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?,
+        })
+    }
+
+    fn set_line(&self, line: Option<OwnedFd>) {
+        if let Ok(mut shared) = self.shared.lock() {
+            *shared = (Keeper::default(), line);
+        }
+    }
+
+    fn refresh(&self, now: Timestamp, standby: Option<&FcBytes>) {
+        if let Ok(mut shared) = self.shared.try_lock() {
+            let was_idle = shared.0.deadline().is_none();
+            shared.0.refresh(now, standby);
+            // It sleeps until its deadline, which only moves away; only from no deadline at all must it be woken.
+            if was_idle && standby.is_some() {
+                wake_up(&self.wake);
+            }
+        }
+    }
+}
+
+/// Stands in while the flight thread is held up: see [`Keeper`].
+fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
+    let mut timer = AbsoluteTimer::new()?;
+    thread::Builder::new()
+        .name("keeper".to_owned())
+        .spawn(move || {
+            let _ = Realtime::enter();
+            // The flight thread holds the other end for as long as it lives; a program that ends takes this thread with it.
+            loop {
+                let deadline = match kept.shared.lock() {
+                    Ok(mut shared) => {
+                        let (keeper, line) = &mut *shared;
+                        if let (Some(frame), Some(line)) = (keeper.poll(clock.now()), line) {
+                            let _ = rustix::io::write(line, frame);
+                        }
+                        keeper.deadline()
+                    }
+                    Err(_) => return,
+                };
+                if let Some(at) = deadline {
+                    timer.set(&clock, at);
+                }
+                let mut fds = [PollFd::new(&kept.wake, PollFlags::IN), timer.poll_fd()];
+                let _ = poll(&mut fds, None);
+                let _ = rustix::io::read(&kept.wake, &mut [0u8; 8]);
+                timer.quiet();
+            }
+        })?;
+    Ok(())
+}
+
+struct Shell {
+    flight: Flight,
     clock: Clock,
+    line: Option<Line>,
+    want_line: SyncSender<()>,
+    lines: Receiver<Line>,
+    asked: Receiver<Asked>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
-    reopen_at: Timestamp,
+    done: Receiver<estimator::SearchResult>,
+    wake: Arc<OwnedFd>,
+    timer: AbsoluteTimer,
+    cell: Arc<Mutex<Snapshot>>,
+    kept: Arc<Kept>,
+    /// From the stamp of a reply to the end of the write of the frame it caused.
+    own: Histogram,
+    was_armed: bool,
 }
 
 impl Shell {
-    fn wait(&mut self, flight: &Flight, wake: &OwnedFd) {
-        let timeout = self.clock.until(flight.deadline()).min(REOPEN);
-        let timeout = Timespec {
-            tv_sec: 0,
-            tv_nsec: i64::from(timeout.subsec_nanos()),
-        };
-        let fds = &mut [
-            PollFd::new(wake, PollFlags::IN),
-            PollFd::new(wake, PollFlags::IN),
+    fn run(mut self) {
+        let _ = self.tell.try_send(News::Realtime(Realtime::enter()));
+        let _ = self.want_line.try_send(());
+        loop {
+            self.publish();
+            self.wait();
+            self.take_line();
+            self.read_line();
+            while let Ok(result) = self.done.try_recv() {
+                self.handle(Input::JobDone(result));
+            }
+            for _ in 0..REQUESTS_A_ROUND {
+                match self.asked.try_recv() {
+                    Ok(asked) => self.handle(Input::Asked(asked)),
+                    Err(TryRecvError::Empty) => break,
+                    Err(TryRecvError::Disconnected) => return,
+                }
+            }
+            if self.flight.deadline() <= self.clock.now() {
+                self.handle(Input::Wake);
+            }
+        }
+    }
+
+    fn handle(&mut self, input: Input) {
+        let now = self.clock.now();
+        let is_reply = matches!(input, Input::Fc(_));
+        let rc_before = self.flight.rc_frames_sent();
+        self.flight.handle(now, input);
+        self.carry_out();
+        if self.flight.rc_frames_sent() != rc_before {
+            self.kept.refresh(now, self.flight.standby());
+        }
+        if is_reply && self.flight.rc_frames_sent() != rc_before {
+            self.own.record(self.clock.now().since(now));
+        }
+    }
+
+    /// Sleeps until bytes, a request or the deadline. The timer is absolute: what this round took does not add up.
+    fn wait(&mut self) {
+        self.timer.set(&self.clock, self.flight.deadline());
+        let waiting = PollFlags::IN;
+        let wake = self.wake.as_fd();
+        let mut fds = [
+            PollFd::from_borrowed_fd(wake, waiting),
+            self.timer.poll_fd(),
+            PollFd::from_borrowed_fd(wake, PollFlags::empty()),
         ];
         if let Some(line) = &self.line {
-            fds[1] = PollFd::from_borrowed_fd(line.fd(), PollFlags::IN);
+            fds[2] = PollFd::from_borrowed_fd(line.as_fd(), line.interest());
         }
-        let _ = poll(fds, Some(&timeout));
-        let mut drain = [0u8; 8];
-        let _ = rustix::io::read(wake, &mut drain);
+        let _ = poll(&mut fds, None);
+        let [woken, rang, _] = fds.map(|fd| fd.revents().contains(PollFlags::IN));
+        if woken {
+            let _ = rustix::io::read(&*self.wake, &mut [0u8; 8]);
+        }
+        if rang {
+            self.timer.quiet();
+        }
     }
 
-    fn read_line(&mut self, flight: &mut Flight) {
-        let Some(line) = &mut self.line else {
-            let now = self.clock.now();
-            if now >= self.reopen_at {
-                self.reopen_at = now + REOPEN;
-                if let Ok(line) = Line::open(&self.endpoint) {
-                    self.line = Some(line);
-                    flight.handle(now, Input::FcOpened);
-                }
-            }
-            return;
-        };
-        let mut buffer = [0u8; 256];
-        // Bounded: a line that never pauses still leaves time for the tick.
-        for _ in 0..16 {
+    fn take_line(&mut self) {
+        if self.line.is_none()
+            && let Ok(line) = self.lines.try_recv()
+        {
+            self.kept.set_line(line.as_fd().try_clone_to_owned().ok());
+            self.line = Some(line);
+            self.handle(Input::FcOpened);
+        }
+    }
+
+    fn lose_line(&mut self) {
+        if self.line.take().is_some() {
+            self.kept.set_line(None);
+            let _ = self.want_line.try_send(());
+            self.flight.handle(self.clock.now(), Input::FcClosed);
+        }
+    }
+
+    fn read_line(&mut self) {
+        let mut buffer = [0u8; READ];
+        for _ in 0..READS {
+            let Some(line) = &mut self.line else { return };
             match line.read(&mut buffer) {
-                Ok(0) => {
-                    self.line = None;
-                    return;
-                }
+                Ok(0) => self.lose_line(),
                 Ok(n) => {
                     let bytes: FcBytes = buffer[..n].iter().copied().collect();
-                    flight.handle(self.clock.now(), Input::Fc(bytes));
+                    self.handle(Input::Fc(bytes));
+                    if n < buffer.len() {
+                        return;
+                    }
                 }
-                Err(e) if e.kind() == io::ErrorKind::WouldBlock => break,
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => return,
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(_) => {
-                    self.line = None;
-                    return;
-                }
+                Err(_) => self.lose_line(),
             }
         }
     }
 
-    fn carry_out(&mut self, flight: &mut Flight) {
-        while let Some(output) = flight.poll() {
+    fn carry_out(&mut self) {
+        while let Some(output) = self.flight.poll() {
             match output {
                 Output::Fc(bytes) => {
-                    // A full kernel buffer means the controller is not reading: what does not fit now is too old later.
                     if let Some(line) = &mut self.line
-                        && let Err(e) = line.write(&bytes)
-                        && e.kind() != io::ErrorKind::WouldBlock
+                        && line.write(&bytes).is_err()
                     {
-                        self.line = None;
+                        self.lose_line();
                     }
                 }
                 Output::Answer(answer) => drop(self.tell.try_send(News::Answer(answer))),
                 Output::Event(event) => drop(self.tell.try_send(News::Event(event))),
                 Output::Job(job) => drop(self.jobs.try_send(job)),
             }
+        }
+        if let Some(line) = &mut self.line
+            && line.flush().is_err()
+        {
+            self.lose_line();
+        }
+    }
+
+    fn publish(&mut self) {
+        let snapshot = self.flight.snapshot();
+        if snapshot.is_armed && !self.was_armed {
+            self.own.clear();
+        }
+        self.was_armed = snapshot.is_armed;
+        if let Ok(mut cell) = self.cell.try_lock()
+            && cell.flight_loop.ticks != snapshot.flight_loop.ticks
+        {
+            cell.clone_from(snapshot);
+            cell.flight_loop.reply_to_command = self.own.summary();
         }
     }
 }

@@ -4,12 +4,13 @@
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
 use super::firmware::FirmwareLine;
-use super::record::Recorder;
+use super::record::{Record, Recorder};
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
+use crate::autopilot::keeper::Keeper;
 use crate::gcs::{Document, LinkId};
 use crate::settings::Settings;
 use estimator::SearchRequest;
@@ -66,9 +67,13 @@ pub struct Lockstep {
     truth: Option<TruthFile>,
     truth_pace: Pace,
     recorder: Option<Recorder>,
+    kept: Option<Vec<(Timestamp, Input)>>,
     /// The real firmware instead of the fake controller.
     firmware: Option<FirmwareLine>,
     ticks_seen: u64,
+    held_until: Timestamp,
+    frozen_until: Timestamp,
+    keeper: Keeper,
     /// First failure of a file being written; flying goes on.
     pub write_error: Option<io::Error>,
 }
@@ -126,8 +131,12 @@ impl Lockstep {
             truth: None,
             truth_pace: Pace::hz(TRUTH_HZ),
             recorder: None,
+            kept: None,
             firmware: None,
             ticks_seen: 0,
+            held_until: Timestamp::ZERO,
+            frozen_until: Timestamp::ZERO,
+            keeper: Keeper::default(),
             write_error: None,
         };
         this.feed(Input::FcOpened);
@@ -142,6 +151,16 @@ impl Lockstep {
     /// Writes every input of `Flight` from now on.
     pub fn write_record(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
+    }
+
+    /// Keeps every input of `Flight` in memory from now on, for whoever wants to fly it again.
+    pub fn keep_inputs(&mut self) {
+        self.kept.get_or_insert_default();
+    }
+
+    /// The inputs kept so far.
+    pub fn take_inputs(&mut self) -> Vec<(Timestamp, Input)> {
+        self.kept.take().unwrap_or_default()
     }
 
     /// From now on this firmware flies the vehicle, whose controller must be outside
@@ -195,6 +214,18 @@ impl Lockstep {
         self.feed(Input::Asked(asked));
     }
 
+    /// For tests of failsafes: the flight thread does not get to run for this long while the world goes on. What arrives meanwhile
+    /// waits, as it does in the kernel and in the rings.
+    pub fn hold_flight(&mut self, duration: Duration) {
+        self.held_until = self.now + duration;
+    }
+
+    /// For tests of failsafes: the whole program is frozen for this long (a stopped process, a stalled host), its keeper too.
+    pub fn freeze(&mut self, duration: Duration) {
+        self.hold_flight(duration);
+        self.frozen_until = self.held_until;
+    }
+
     /// The next thing for the shell, if any.
     pub fn poll(&mut self) -> Option<Outgoing> {
         self.outgoing.pop_front()
@@ -222,18 +253,30 @@ impl Lockstep {
         if let Some(firmware) = &mut self.firmware {
             firmware.exchange(now, &mut self.simulator, &mut self.inputs);
         }
-        while let Some(input) = self.inputs.pop_front() {
-            self.feed(input);
-        }
         if let Some((_, job)) = self.jobs.pop_front_if(|(at, _)| *at <= now) {
-            self.feed(Input::JobDone(estimator::search(&job)));
+            self.inputs
+                .push_back(Input::JobDone(estimator::search(&job)));
         }
-        if self.flight.deadline() <= now {
-            self.feed(Input::Wake);
+        if now >= self.frozen_until
+            && let Some(frame) = self.keeper.poll(now)
+        {
+            match &mut self.firmware {
+                Some(firmware) => firmware.write(frame),
+                None => self.simulator.write_fc(0, frame),
+            }
+        }
+        if now >= self.held_until {
+            while let Some(input) = self.inputs.pop_front() {
+                self.feed(input);
+            }
+            if self.flight.deadline() <= now {
+                self.feed(Input::Wake);
+            }
         }
         let ticks = self.flight.snapshot().flight_loop.ticks;
         if ticks != self.ticks_seen {
             self.ticks_seen = ticks;
+            self.keeper.refresh(now, self.flight.standby());
             self.ground.snapshot(now, self.flight.snapshot());
         }
         if self.ground.deadline() <= now {
@@ -250,8 +293,13 @@ impl Lockstep {
 
     /// Gives `Flight` an input and carries out what it wants.
     fn feed(&mut self, input: Input) {
-        if let Some(recorder) = &mut self.recorder {
-            keep_first(&mut self.write_error, recorder.write(self.now, &input));
+        if self.now < self.held_until {
+            self.inputs.push_back(input);
+            return;
+        }
+        self.log(&Record::Input(&input));
+        if let Some(kept) = &mut self.kept {
+            kept.push((self.now, input.clone()));
         }
         self.flight.handle(self.now, input);
         while let Some(output) = self.flight.poll() {
@@ -261,9 +309,27 @@ impl Lockstep {
                     None => self.simulator.write_fc(0, &bytes),
                 },
                 Output::Answer(answer) => self.ground.answer(self.now, &answer),
-                Output::Event(event) => self.ground.event(self.now, &event),
+                Output::Event(event) => {
+                    if let Event::Notice(Notice::FlightTiming {
+                        sample_to_command,
+                        missed,
+                    }) = event
+                    {
+                        self.log(&Record::Timing {
+                            sample_to_command,
+                            missed,
+                        });
+                    }
+                    self.ground.event(self.now, &event);
+                }
                 Output::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),
             }
+        }
+    }
+
+    fn log(&mut self, record: &Record<'_>) {
+        if let Some(recorder) = &mut self.recorder {
+            keep_first(&mut self.write_error, recorder.write(self.now, record));
         }
     }
 

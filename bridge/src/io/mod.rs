@@ -8,7 +8,10 @@
 //! | [`firmware`] | Betaflight's simulator build as a child process in place of the fake controller |
 //! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
+//! | [`line`] | that line: serial port or TCP connection, whole frames or nothing |
+//! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
 //! | [`clock`] | the only reader of the clock |
+//! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
 //! | [`record`] | the flight log: every input of `Flight` |
 //! | [`keep`] | documents on disk, written atomically |
@@ -19,7 +22,10 @@ pub mod endpoint;
 pub mod firmware;
 pub mod flight_thread;
 pub mod keep;
+pub mod line;
 pub mod lockstep;
 pub mod net;
+pub mod realtime;
 pub mod record;
+pub mod timer;
 pub mod truth;

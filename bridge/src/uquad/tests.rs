@@ -193,12 +193,27 @@ fn a_stuck_gyro_is_left_out_by_name_and_the_estimate_stays_sound() {
     let Some((steps, said)) = run(corrected(100), "imu_calib_final.txt", stuck) else {
         return;
     };
-    assert!(said.contains(&Said::LeftOut(Channel::Gyro)));
+    let left_out = said.iter().filter(|s| **s == Said::LeftOut(Channel::Gyro));
+    assert_eq!(left_out.count(), 1, "said once: {said:?}");
     assert!(
         steps
             .iter()
             .all(|s| s.state.iter().all(|x| x.abs() < 100.0))
     );
+}
+
+#[test]
+fn a_barometer_switched_off_is_left_out_and_height_stays_sound() {
+    let off = |k: usize, f: &mut RawFrame| {
+        if k >= 120 {
+            f.pressure_pa = 0;
+        }
+    };
+    let Some((steps, said)) = run(corrected(100), "imu_calib_final.txt", off) else {
+        return;
+    };
+    assert!(said.contains(&Said::LeftOut(Channel::Altitude)), "{said:?}");
+    assert!(steps.iter().all(|s| s.state[2].abs() < 5.0));
 }
 
 #[test]

@@ -77,6 +77,7 @@ fn level(mag: Vector3<f64>, psi: f64, phi: f64) -> [f64; 2] {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
 

@@ -201,6 +201,7 @@ impl Calibration {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 pub(crate) mod tests {
     use super::*;
 

@@ -19,6 +19,10 @@ const EVENTS: usize = 16;
 
 /// How neighbouring frames are smoothed.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one per chain, and a box would have to be opened at every reading"
+)]
 pub enum Smoothing {
     /// Raw counts are filtered, the result is converted.
     Fir(Fir),
@@ -150,6 +154,8 @@ pub struct Reading {
     pub mag_is_good: bool,
     /// The gyro measures.
     pub gyro_is_good: bool,
+    /// The barometer measures; without it the height means nothing.
+    pub baro_is_good: bool,
 }
 
 /// The chain. Hand in bytes or frames, then take the reading, if any, and poll the events until `None`.
@@ -295,6 +301,7 @@ impl ImuChain {
             mag_is_good: watched.mag_is_good
                 && bands.mag_is_earth(measured.mag, reference.mag_norm),
             gyro_is_good: watched.gyro_is_good,
+            baro_is_good: watched.baro_is_good,
         })
     }
 
@@ -393,6 +400,7 @@ impl ImuChain {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use crate::imu::calibration::tests::SQUARE;

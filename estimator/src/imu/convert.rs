@@ -80,6 +80,7 @@ impl Converter {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use crate::imu::calibration::tests::SQUARE;

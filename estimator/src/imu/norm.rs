@@ -44,6 +44,7 @@ fn is_within(norm: f64, reference: f64, share: f64) -> bool {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
 

@@ -123,6 +123,7 @@ impl SamplingPeriod {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
 

@@ -109,6 +109,8 @@ pub struct StartUp {
     wanted: u32,
     start_altitude_m: f64,
     taken: u32,
+    /// Frames with a pressure.
+    with_pressure: u32,
     sum: Counts,
     gyro: Scatter,
     accel: Scatter,
@@ -124,6 +126,7 @@ impl StartUp {
             wanted: frames.max(1),
             start_altitude_m,
             taken: 0,
+            with_pressure: 0,
             sum: Counts::default(),
             gyro: Scatter::default(),
             accel: Scatter::default(),
@@ -160,6 +163,7 @@ impl StartUp {
         self.gyro.add(c.gyro.apply(counts.gyro));
         self.accel.add(c.accel.apply(counts.accel));
         self.taken += 1;
+        self.with_pressure += u32::from(frame.pressure_pa != 0);
         let is_done = self.taken >= self.wanted;
         if self.taken.is_multiple_of(BLOCK) || is_done {
             if let Some(disturbed) = self.judge_block() {
@@ -205,12 +209,18 @@ impl StartUp {
 
     fn finish(&self, converter: &Converter) -> Reference {
         let mean = self.sum.divided(f64::from(self.taken));
+        // A barometer that began late, or never: its zeros are no pressure.
+        let pressure_pa = if self.with_pressure > 0 {
+            self.sum.pressure_pa / f64::from(self.with_pressure)
+        } else {
+            barometer::SEA_LEVEL_PA
+        };
         let mut bare = converter.clone();
         bare.gyro_null_radps = Vector3::zeros();
         let measured = bare.convert(&mean);
         Reference {
             gyro_null_radps: measured.gyro_radps,
-            reference_pa: barometer::reference_pa(mean.pressure_pa, self.start_altitude_m),
+            reference_pa: barometer::reference_pa(pressure_pa, self.start_altitude_m),
             angles: measured.angles,
             accel_bias_mps2: measured.accel_mps2 - Vector3::new(0.0, 0.0, GRAVITY_MPS2),
             mag_norm: measured.mag.norm(),
@@ -219,6 +229,7 @@ impl StartUp {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use crate::imu::calibration::tests::SQUARE;
@@ -305,6 +316,18 @@ mod tests {
             }
         });
         assert!(matches!(disturbed[0], Disturbed::Turned { .. }));
+    }
+
+    #[test]
+    fn a_barometer_that_begins_late_gives_the_pressure_it_measures() {
+        let (_, _, reference) = run(|k, f| {
+            if k < 30 {
+                f.pressure_pa = 0;
+            }
+        });
+        assert!((reference.reference_pa - 101_000.0).abs() < 0.5);
+        let (_, _, reference) = run(|_, f| f.pressure_pa = 0);
+        assert!((reference.reference_pa - barometer::SEA_LEVEL_PA).abs() < 1e-6);
     }
 
     #[test]

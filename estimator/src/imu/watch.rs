@@ -6,6 +6,7 @@
 //! | out of order | arrives before the one before | frame refused |
 //! | gap | more than a second since the frame before | used, said |
 //! | saturated | a channel at its rail | used, the sensor is not believed |
+//! | silent | pressure 0: the barometer is switched off, or has not spoken yet | used, the barometer is not believed |
 //! | stuck | same counts for too long | used, the sensor is not believed |
 //! | spike | pressure jumps further than a quadcopter falls | last good pressure instead, for half a second at most |
 //!
@@ -68,6 +69,8 @@ pub enum FrameFault {
     OutOfOrder,
     /// A channel is at its rail.
     Saturated(Sensor),
+    /// The sensor sends nothing.
+    Silent(Sensor),
     /// The pressure jumped.
     Spike {
         /// The refused value, Pa.
@@ -86,6 +89,7 @@ impl fmt::Display for FrameFault {
             }
             Self::OutOfOrder => f.write_str("IMU frame refused: older than the one before"),
             Self::Saturated(sensor) => write!(f, "IMU {sensor} is saturated"),
+            Self::Silent(sensor) => write!(f, "IMU {sensor} is silent: is it switched on?"),
             Self::Spike { pressure_pa } => {
                 write!(f, "IMU pressure jumped to {pressure_pa} Pa: not used")
             }
@@ -107,6 +111,8 @@ pub struct Watched {
     pub gyro_is_good: bool,
     /// The magnetometer moves and is within its rails.
     pub mag_is_good: bool,
+    /// There is a pressure.
+    pub baro_is_good: bool,
 }
 
 /// Watches the stream.
@@ -161,6 +167,7 @@ impl FrameWatch {
             accel_is_good: accel.is_none(),
             gyro_is_good: gyro.is_none(),
             mag_is_good: mag.is_none(),
+            baro_is_good: frame.pressure_pa != 0,
         }
     }
 
@@ -171,6 +178,7 @@ impl FrameWatch {
             accel_is_good: false,
             gyro_is_good: false,
             mag_is_good: false,
+            baro_is_good: false,
         }
     }
 
@@ -186,6 +194,9 @@ impl FrameWatch {
 
     fn without_spike(&mut self, frame: &mut RawFrame) -> Option<FrameFault> {
         let pressure_pa = frame.pressure_pa;
+        if pressure_pa == 0 {
+            return Some(FrameFault::Silent(Sensor::Barometer));
+        }
         let Some(good) = self.good_pressure_pa else {
             self.good_pressure_pa = Some(pressure_pa);
             return None;
@@ -291,6 +302,24 @@ mod tests {
             (late.frame, late.fault),
             (None, Some(FrameFault::OutOfOrder))
         );
+    }
+
+    #[test]
+    fn a_barometer_that_has_not_spoken_yet_is_no_reference_for_spikes() {
+        let (said, last) = run(40, |k, f| {
+            if k < 3 {
+                f.pressure_pa = 0;
+            }
+        });
+        assert_eq!(said, [(0, FrameFault::Silent(Sensor::Barometer))]);
+        assert!(last.baro_is_good && last.frame.unwrap().pressure_pa == 101_205);
+        let (said, last) = run(40, |k, f| {
+            if k >= 20 {
+                f.pressure_pa = 0;
+            }
+        });
+        assert_eq!(said, [(20, FrameFault::Silent(Sensor::Barometer))]);
+        assert!(!last.baro_is_good && last.frame.is_some());
     }
 
     #[test]

@@ -4,13 +4,19 @@
 //! instructions. Equal to the dense products `F P F'` and `P - K S K'` up to rounding.
 
 use super::{ACCEL_BIAS, ATTITUDE, Covariance, ErrorVector, GYRO_BIAS, POSITION, STATES, VELOCITY};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
+/// Smaller than this a covariance is nothing (no variance is below 1e-12), and its subnormal products would cost a hundred
+/// cycles each.
+const NOTHING: f64 = 1e-40;
 /// No variance falls below this: the next gain would blow up.
 const FLOOR: f64 = 1e-12;
 
-type Column = [f64; STATES];
-type Columns = [Column; STATES];
+/// Columns are padded to an even sixteen while they are worked on: compilers leave loops of fifteen scalar.
+const PADDED: usize = 16;
+/// What moves with a sample: position, velocity, attitude; padded likewise.
+const MOVING: usize = 10;
+type Columns = [[f64; PADDED]; STATES];
 
 /// The blocks of the transition matrix that are neither zero nor one.
 #[derive(Clone, Copy, Debug)]
@@ -45,32 +51,37 @@ impl Transition {
         phi
     }
 
-    /// `P F'`: each column of the result is a sum of columns of `P`.
+    /// The first `ROWS` rows of `P F'`: each column of the result is a sum of columns of `P`. One loop over the rows with everything in registers, so
+    /// that neighbouring rows share vector instructions.
     #[inline]
-    fn right(&self, p: &Columns) -> Columns {
+    fn right<const ROWS: usize>(&self, p: &Columns) -> Columns {
         let (dt, half) = (self.dt, 0.5 * self.dt * self.dt);
+        let dot = |m: &Matrix3<f64>, i: usize, x: f64, y: f64, z: f64| {
+            m[(i, 0)] * x + m[(i, 1)] * y + m[(i, 2)] * z
+        };
         let mut out = *p;
         for i in 0..3 {
-            // What attitude error and accelerometer bias do to acceleration, and what gyro bias will do.
-            let mut pushed = [0.0; STATES];
-            let mut later = [0.0; STATES];
-            let mut turned = [0.0; STATES];
-            for k in 0..3 {
-                let (f, r, t) = (self.force[(i, k)], self.rotation[(i, k)], self.turn[(i, k)]);
-                let (attitude, accel) = (&p[ATTITUDE + k], &p[ACCEL_BIAS + k]);
-                let gyro = &p[GYRO_BIAS + k];
-                for row in 0..STATES {
-                    pushed[row] += f * attitude[row] + r * accel[row];
-                    later[row] += f * gyro[row];
-                    turned[row] += t * attitude[row];
-                }
-            }
-            let (position, velocity) = (&p[POSITION + i], &p[VELOCITY + i]);
-            let gyro = &p[GYRO_BIAS + i];
-            for row in 0..STATES {
-                out[POSITION + i][row] = position[row] + dt * velocity[row] - half * pushed[row];
-                out[VELOCITY + i][row] = velocity[row] - dt * pushed[row] + half * later[row];
-                out[ATTITUDE + i][row] = turned[row] - dt * gyro[row];
+            for row in 0..ROWS {
+                let (position, velocity) = (p[POSITION + i][row], p[VELOCITY + i][row]);
+                let [x, y, z] = [p[ATTITUDE][row], p[ATTITUDE + 1][row], p[ATTITUDE + 2][row]];
+                let accel = [
+                    p[ACCEL_BIAS][row],
+                    p[ACCEL_BIAS + 1][row],
+                    p[ACCEL_BIAS + 2][row],
+                ];
+                let gyro = [
+                    p[GYRO_BIAS][row],
+                    p[GYRO_BIAS + 1][row],
+                    p[GYRO_BIAS + 2][row],
+                ];
+                // What attitude error and accelerometer bias do to acceleration, and what gyro bias will do.
+                let pushed = dot(&self.force, i, x, y, z)
+                    + dot(&self.rotation, i, accel[0], accel[1], accel[2]);
+                let later = dot(&self.force, i, gyro[0], gyro[1], gyro[2]);
+                let turned = dot(&self.turn, i, x, y, z);
+                out[POSITION + i][row] = position + dt * velocity - half * pushed;
+                out[VELOCITY + i][row] = velocity - dt * pushed + half * later;
+                out[ATTITUDE + i][row] = turned - dt * gyro[i];
             }
         }
         out
@@ -79,20 +90,34 @@ impl Transition {
 
 /// `P <- F P F'`.
 pub(super) fn propagate(covariance: &mut Covariance, transition: &Transition) {
-    // F P F' = (P F')' F' because P is symmetric: the same sums twice, with a transposition between.
-    let once = transition.right(&covariance.data.0);
-    let mut transposed = [[0.0; STATES]; STATES];
-    for (i, column) in transposed.iter_mut().enumerate() {
-        for (j, value) in column.iter_mut().enumerate() {
-            *value = once[j][i];
+    let mut columns = [[0.0; PADDED]; STATES];
+    for (column, p) in columns.iter_mut().zip(&covariance.data.0) {
+        for (value, p) in column.iter_mut().zip(p) {
+            *value = if p.abs() < NOTHING { 0.0 } else { *p };
         }
     }
+    // F P F' = (P F')' F' because P is symmetric: the same sums twice, with a transposition between. The rows of the biases are
+    // done after the first time.
+    let once = transition.right::<PADDED>(&columns);
+    for (i, column) in columns.iter_mut().enumerate() {
+        for j in 0..MOVING {
+            column[j] = once[j][i];
+        }
+    }
+    let twice = transition.right::<MOVING>(&columns);
     let p = &mut covariance.data.0;
-    *p = transition.right(&transposed);
-    // The biases' columns are the same sums on both sides; the rest agrees to rounding only.
-    for i in 0..ACCEL_BIAS {
-        for j in 0..i {
-            p[i][j] = p[j][i];
+    for (i, own) in p.iter_mut().enumerate() {
+        if i < ACCEL_BIAS {
+            // Both halves agree to rounding only, so one is mirrored.
+            for j in 0..i {
+                own[j] = twice[j][i];
+            }
+            own[i..ACCEL_BIAS].copy_from_slice(&twice[i][i..ACCEL_BIAS]);
+            own[ACCEL_BIAS..].copy_from_slice(&once[i][ACCEL_BIAS..STATES]);
+        } else {
+            for j in 0..ACCEL_BIAS {
+                own[j] = once[j][i];
+            }
         }
     }
 }
@@ -100,11 +125,13 @@ pub(super) fn propagate(covariance: &mut Covariance, transition: &Transition) {
 /// `P h`, skipping the zeros of which a row is mostly made.
 #[inline]
 pub(super) fn times(covariance: &Covariance, row: &ErrorVector) -> ErrorVector {
+    let p = &covariance.data.0;
     let mut out = [0.0; STATES];
-    for (column, h) in covariance.data.0.iter().zip(row.iter()) {
-        if *h != 0.0 {
-            for (o, c) in out.iter_mut().zip(column) {
-                *o += c * h;
+    for i in 0..STATES {
+        let h = row[i];
+        if h != 0.0 {
+            for k in 0..STATES {
+                out[k] += p[i][k] * h;
             }
         }
     }
@@ -116,32 +143,46 @@ pub(super) fn times(covariance: &Covariance, row: &ErrorVector) -> ErrorVector {
 pub(super) fn add_outer(covariance: &mut Covariance, v: &ErrorVector, k: f64) {
     let sign = if k < 0.0 { -1.0 } else { 1.0 };
     // The same factor on both sides makes the products equal to the last bit.
-    let scaled: Column = (v * k.abs().sqrt()).into();
+    let scaled: [f64; STATES] = (v * k.abs().sqrt()).into();
     for (i, column) in covariance.data.0.iter_mut().enumerate() {
         let own = scaled[i] * sign;
         for (p, s) in column.iter_mut().zip(&scaled) {
             *p += own * s;
         }
-        column[i] = column[i].max(FLOOR);
+    }
+    for i in 0..STATES {
+        covariance[(i, i)] = covariance[(i, i)].max(FLOOR);
     }
 }
 
-/// `P <- G P G'` with `G` on the attitude error.
+/// `P <- G P G'` with `G = I - [half]x` on the attitude error.
 #[inline]
-pub(super) fn turn_attitude(covariance: &mut Covariance, g: &Matrix3<f64>) {
-    let columns = covariance.fixed_columns::<3>(ATTITUDE) * g.transpose();
-    let block = g * columns.fixed_rows::<3>(ATTITUDE);
-    for i in 0..3 {
-        for row in 0..STATES {
-            let value = columns[(row, i)];
-            covariance[(row, ATTITUDE + i)] = value;
-            covariance[(ATTITUDE + i, row)] = value;
-        }
+pub(super) fn turn_attitude(covariance: &mut Covariance, half: &Vector3<f64>) {
+    let p = &mut covariance.data.0;
+    let [x, y, z] = [p[ATTITUDE], p[ATTITUDE + 1], p[ATTITUDE + 2]];
+    let mut turned = [[0.0; STATES]; 3];
+    for row in 0..STATES {
+        turned[0][row] = x[row] + half.z * y[row] - half.y * z[row];
+        turned[1][row] = y[row] + half.x * z[row] - half.z * x[row];
+        turned[2][row] = z[row] + half.y * x[row] - half.x * y[row];
     }
-    for i in 0..3 {
-        for j in 0..=i {
-            covariance[(ATTITUDE + i, ATTITUDE + j)] = block[(i, j)];
-            covariance[(ATTITUDE + j, ATTITUDE + i)] = block[(i, j)];
+    // The attitude's own block is turned from the left too.
+    let block = |i: usize, j: usize| turned[j][ATTITUDE + i];
+    let own = Matrix3::from_fn(|i, j| {
+        let (next, last) = ((i + 1) % 3, (i + 2) % 3);
+        block(i, j) + half[last] * block(next, j) - half[next] * block(last, j)
+    });
+    for (i, column) in turned.iter_mut().enumerate() {
+        for j in 0..3 {
+            column[ATTITUDE + j] = own[(i.max(j), i.min(j))];
+        }
+        p[ATTITUDE + i] = *column;
+    }
+    for (row, column) in p.iter_mut().enumerate() {
+        if !(ATTITUDE..ATTITUDE + 3).contains(&row) {
+            for (i, turned) in turned.iter().enumerate() {
+                column[ATTITUDE + i] = turned[row];
+            }
         }
     }
 }
@@ -162,7 +203,7 @@ pub(super) fn symmetrise(p: &mut Covariance) {
 mod tests {
     use super::*;
     use crate::mcl::random::Random;
-    use nalgebra::{UnitQuaternion, Vector3};
+    use nalgebra::UnitQuaternion;
 
     fn some_covariance(random: &mut Random) -> Covariance {
         let a = Covariance::from_fn(|_, _| f64::from(random.gaussian()));
@@ -220,7 +261,7 @@ mod tests {
             let mut g = Covariance::identity();
             g.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE).copy_from(&g3);
             let dense = g * p * g.transpose();
-            turn_attitude(&mut p, &g3);
+            turn_attitude(&mut p, &(turn * 0.5));
             assert!(is_close(&p, &dense) && is_symmetric(&p));
         }
     }

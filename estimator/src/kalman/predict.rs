@@ -4,8 +4,9 @@
 //! against the noise: the specific force is turned with the attitude in the middle of the interval.
 
 use super::covariance::{self, Transition};
+use super::nominal::exp;
 use super::{ACCEL_BIAS, ATTITUDE, Covariance, Filter, GYRO_BIAS, POSITION, STATES, VELOCITY};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use vehicle::ImuSample;
 use vehicle::airframe::GRAVITY_MPS2;
 
@@ -16,6 +17,9 @@ const GAP_ACCEL_MPS2: f64 = 2.0;
 const GAP_RATE_RADPS: f64 = 0.3;
 /// Share of the change between two samples that the trapezoid may be wrong by.
 const TRAPEZOID_DOUBT: f64 = 0.5;
+/// Swing squared that white noise stays below, in units of its variance per sample: twice chi-squared, three degrees of
+/// freedom, 99.7 %.
+const NOISE_SWING: f64 = 28.0;
 /// Saturation of the sensors; beyond it a sample is nonsense: 32 g and 70 rad/s (4000 deg/s).
 const MAX_ACCEL_MPS2: f64 = 320.0;
 const MAX_RATE_RADPS: f64 = 70.0;
@@ -82,15 +86,16 @@ impl Filter {
         let x = &mut self.state;
         let force = accel - x.accel_bias;
         let turn = (gyro - x.gyro_bias) * dt;
-        let middle = x.attitude * UnitQuaternion::from_scaled_axis(turn * 0.5);
+        let half_turn = exp(&(turn * 0.5));
+        let middle = x.attitude * half_turn;
         let acceleration = middle * force + Vector3::new(0.0, 0.0, GRAVITY_MPS2);
         x.position += x.velocity * dt + acceleration * (0.5 * dt * dt);
         x.velocity += acceleration * dt;
-        x.attitude *= UnitQuaternion::from_scaled_axis(turn);
+        x.attitude = middle * half_turn;
         x.attitude.renormalize_fast();
 
         let rotation = middle.to_rotation_matrix().into_inner();
-        let back = UnitQuaternion::from_scaled_axis(-turn);
+        let back = (half_turn * half_turn).inverse();
         let transition = Transition {
             dt,
             rotation,
@@ -100,9 +105,11 @@ impl Filter {
         covariance::propagate(&mut self.covariance, &transition);
 
         let n = self.noise;
-        // A knock between two samples may have lasted for all of the interval or for none of it.
-        let knock = TRAPEZOID_DOUBT * swing;
-        let accel_q = n.accel * n.accel + knock * knock * dt;
+        // A knock between two samples may have lasted for all of the interval or for none of it. What white noise alone
+        // makes of the difference of two samples is in the density already: counted twice, the filter would doubt itself.
+        let by_noise = NOISE_SWING * n.accel * n.accel / dt;
+        let knock = TRAPEZOID_DOUBT * TRAPEZOID_DOUBT * (swing * swing - by_noise).max(0.0);
+        let accel_q = n.accel * n.accel + knock * dt;
         for i in 0..3 {
             self.add_noise(POSITION + i, accel_q * dt * dt * dt / 3.0);
             self.add_noise(VELOCITY + i, accel_q * dt);

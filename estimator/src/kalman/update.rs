@@ -6,7 +6,6 @@
 
 use super::gate::Verdict;
 use super::{ATTITUDE, Aid, Filter, Observation, covariance};
-use nalgebra::Matrix3;
 use vehicle::Timestamp;
 use vehicle::angle::wrap_pi;
 
@@ -65,14 +64,14 @@ impl Filter {
                 }
             }
         }
-        let s = hph + r;
-        let correction = ph * (innovation / s);
-        let next = self.state.plus(&correction);
-        if !next.is_finite() {
+        let per_s = 1.0 / (hph + r);
+        let correction = ph * (innovation * per_s);
+        // The state was finite before, so it is enough to look at what is added.
+        if !correction.norm_squared().is_finite() {
             return false;
         }
-        self.state = next;
-        covariance::add_outer(&mut self.covariance, &ph, -1.0 / s);
+        self.state = self.state.plus(&correction);
+        covariance::add_outer(&mut self.covariance, &ph, -per_s);
         self.reset_attitude(&correction.fixed_rows::<3>(ATTITUDE).into_owned());
         true
     }
@@ -82,7 +81,6 @@ impl Filter {
         if error.norm_squared() < 1e-8 {
             return;
         }
-        let g = Matrix3::identity() - (error * 0.5).cross_matrix();
-        covariance::turn_attitude(&mut self.covariance, &g);
+        covariance::turn_attitude(&mut self.covariance, &(error * 0.5));
     }
 }

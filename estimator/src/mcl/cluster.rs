@@ -13,6 +13,10 @@ pub const RADIUS_RAD: f64 = 0.6;
 const PER_M: f32 = 2.5;
 const PER_RAD: f32 = 2.5;
 
+/// Particles summed at once in f32, and side by side.
+const BLOCK: usize = 128;
+const LANES: usize = 8;
+
 /// Particles that mean the same place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cluster {
@@ -24,8 +28,13 @@ pub struct Cluster {
     pub covariance: [[f64; 3]; 3],
 }
 
-/// The heaviest cluster.
-pub fn heaviest(particles: &Particles, bins: &mut Bins) -> Option<Cluster> {
+/// The heaviest cluster. `hint` says where it was: a cluster there with more than half of all weight has no rival.
+pub fn heaviest(particles: &Particles, hint: Option<&Planar>, bins: &mut Bins) -> Option<Cluster> {
+    if let Some(there) = hint.and_then(|hint| around(particles, hint))
+        && there.mass > 0.5
+    {
+        return around(particles, &there.pose);
+    }
     bins.clear();
     for i in 0..particles.len() {
         let key = Bins::key(
@@ -62,26 +71,65 @@ pub fn heaviest(particles: &Particles, bins: &mut Bins) -> Option<Cluster> {
 pub fn around(particles: &Particles, pose: &Planar) -> Option<Cluster> {
     let (cx, cy, cyaw) = (pose.x as f32, pose.y as f32, pose.yaw as f32);
     let (r2, turn) = ((RADIUS_M * RADIUS_M) as f32, RADIUS_RAD as f32);
-    // Sums relative to the pose: no wrap, no loss of digits.
+    // Sums relative to the pose: no wrap, no loss of digits. Blocks are summed in f32 without branches, as vectors.
     let (mut mass, mut first, mut second) = (0.0f64, [0.0f64; 3], [0.0f64; 6]);
-    for i in 0..particles.len() {
-        let (dx, dy) = (particles.x[i] - cx, particles.y[i] - cy);
-        if dx * dx + dy * dy > r2 {
-            continue;
+    let n = particles.len();
+    for begin in (0..n).step_by(BLOCK) {
+        let block = begin..(begin + BLOCK).min(n);
+        let mut sums = [[0.0f32; LANES]; 10];
+        let columns = [
+            &particles.x[block.clone()],
+            &particles.y[block.clone()],
+            &particles.yaw[block.clone()],
+            &particles.weight[block],
+        ];
+        let lanes = columns.map(|c| c.as_chunks::<LANES>());
+        let [(x, x_rest), (y, y_rest), (yaw, yaw_rest), (w, w_rest)] = lanes;
+        let mut add = |x: &[f32; LANES], y: &[f32; LANES], yaw: &[f32; LANES], w: &[f32; LANES]| {
+            for k in 0..LANES {
+                let (dx, dy) = (x[k] - cx, y[k] - cy);
+                let dyaw = wrap(yaw[k] - cyaw);
+                let is_near = (dx * dx + dy * dy <= r2) & (dyaw.abs() <= turn);
+                let w = if is_near { w[k] } else { 0.0 };
+                let (wx, wy, wt) = (w * dx, w * dy, w * dyaw);
+                let terms = [
+                    w,
+                    wx,
+                    wy,
+                    wt,
+                    wx * dx,
+                    wx * dy,
+                    wx * dyaw,
+                    wy * dy,
+                    wy * dyaw,
+                    wt * dyaw,
+                ];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    sum[k] += term;
+                }
+            }
+        };
+        for (((x, y), yaw), w) in x.iter().zip(y).zip(yaw).zip(w) {
+            add(x, y, yaw, w);
         }
-        let dyaw = wrap(particles.yaw[i] - cyaw);
-        if dyaw.abs() > turn {
-            continue;
+        let padded = |rest: &[f32]| {
+            let mut lanes = [0.0; LANES];
+            lanes[..rest.len()].copy_from_slice(rest);
+            lanes
+        };
+        add(
+            &padded(x_rest),
+            &padded(y_rest),
+            &padded(yaw_rest),
+            &padded(w_rest),
+        );
+        let total = |k: usize| f64::from(sums[k].iter().sum::<f32>());
+        mass += total(0);
+        for (i, f) in first.iter_mut().enumerate() {
+            *f += total(1 + i);
         }
-        let w = f64::from(particles.weight[i]);
-        let (dx, dy, dyaw) = (f64::from(dx), f64::from(dy), f64::from(dyaw));
-        mass += w;
-        for (sum, v) in first.iter_mut().zip([dx, dy, dyaw]) {
-            *sum += w * v;
-        }
-        let products = [dx * dx, dx * dy, dx * dyaw, dy * dy, dy * dyaw, dyaw * dyaw];
-        for (sum, v) in second.iter_mut().zip(products) {
-            *sum += w * v;
+        for (i, s) in second.iter_mut().enumerate() {
+            *s += total(4 + i);
         }
     }
     if mass.is_nan() || mass < 1e-9 {
@@ -135,7 +183,7 @@ mod tests {
             0.3,
             &mut random,
         );
-        let c = heaviest(&p, &mut Bins::new()).unwrap();
+        let c = heaviest(&p, None, &mut Bins::new()).unwrap();
         assert!(
             c.pose
                 .is_near(&Planar::new(1.2, 2.0, PI - 0.01), 0.02, 0.02),

@@ -2,14 +2,17 @@
 //!
 //! Optical flow has a scale error, wheels have unequal radii: such errors repeat on every metre. Between two places that
 //! the ranges have confirmed, at least half a metre apart, odometry's error is seen; its part that is proportional to the
-//! way is taken off later steps, the rest widens the motion noise.
+//! step (longer, askew, and curved per metre ahead) is taken off later steps, the rest widens the motion noise. The
+//! correction is linear in the step, so that the jitter of hovering adds up to nothing.
 
 use super::cluster::Cluster;
 use super::motion::MotionNoise;
 use super::planar::Planar;
 
-/// Way between the two ends of a segment, m.
+/// Distance between the two ends of a segment, m.
 const SEGMENT_M: f64 = 0.5;
+/// After so long a way to and fro without getting there the segment begins again, m.
+const WANDERED_M: f64 = 2.0;
 /// A segment with more turns than this says little about the way, rad.
 const SEGMENT_RAD: f64 = 3.0;
 /// Segments remembered, about.
@@ -39,9 +42,10 @@ pub struct Drift {
     turn_rad: f64,
     /// Noise of the model over the segment: position m2, yaw rad2.
     expected: [f64; 2],
-    /// Forgetting sums of error times way, and way squared.
+    /// Forgetting sums of errors times steps: along, aside, turn by ahead.
     products: [f64; 3],
-    ways: f64,
+    /// Forgetting sums of steps squared: whole, and ahead only.
+    ways: [f64; 2],
     /// Forgetting sums of the squared errors over what was expected, and their number.
     excess: [f64; 2],
     segments: f64,
@@ -51,12 +55,11 @@ impl Drift {
     /// The step with its learned bias taken off.
     #[must_use]
     pub fn corrected(&self, step: &Planar) -> Planar {
-        let bias = self.bias();
-        let way = step.length();
+        let [scale, skew, curve] = self.bias();
         Planar::new(
-            step.x + bias[0] * way,
-            step.y + bias[1] * way,
-            step.yaw + bias[2] * way,
+            step.x + scale * step.x - skew * step.y,
+            step.y + scale * step.y + skew * step.x,
+            step.yaw + curve * step.x,
         )
     }
 
@@ -72,11 +75,12 @@ impl Drift {
         }
     }
 
-    /// Error of odometry per metre of way: forward and left, m/m, counter-clockwise, rad/m.
+    /// Error of odometry per metre: longer along the step, to the left of it, m/m; counter-clockwise per metre ahead, rad/m.
     #[must_use]
     pub fn bias(&self) -> [f64; 3] {
-        self.products
-            .map(|p| (p / (self.ways + PRIOR_M2)).clamp(-LARGEST, LARGEST))
+        let [along, aside, curve] = self.products;
+        let [ways, ahead] = self.ways.map(|w| w + PRIOR_M2);
+        [along / ways, aside / ways, curve / ahead].map(|b| b.clamp(-LARGEST, LARGEST))
     }
 
     /// Factors on the noise of position and yaw, 1 or more.
@@ -110,13 +114,14 @@ impl Drift {
             self.begin(Some(end));
             return;
         };
-        if self.way_m < SEGMENT_M {
-            return;
+        if from.odometry.distance(odometry) >= SEGMENT_M {
+            if self.turn_rad < SEGMENT_RAD {
+                self.learn(&from, &end);
+            }
+            self.begin(Some(end));
+        } else if self.way_m > WANDERED_M {
+            self.begin(Some(end));
         }
-        if self.turn_rad < SEGMENT_RAD {
-            self.learn(&from, &end);
-        }
-        self.begin(Some(end));
     }
 
     /// The place is not known, or jumped: the segment ends without a lesson.
@@ -134,19 +139,29 @@ impl Drift {
     fn learn(&mut self, from: &End, to: &End) {
         let told = from.odometry.step_to(&to.odometry);
         let true_step = from.pose.step_to(&to.pose);
-        let way = told.length();
         let error = [
             true_step.x - told.x,
             true_step.y - told.y,
             vehicle::angle::wrap_pi(true_step.yaw - told.yaw),
         ];
-        let bias = self.bias();
-        let rest = [0, 1, 2].map(|i| error[i] - bias[i] * way);
+        let corrected = self.corrected(&told);
+        let rest = [
+            true_step.x - corrected.x,
+            true_step.y - corrected.y,
+            vehicle::angle::wrap_pi(true_step.yaw - corrected.yaw),
+        ];
         let keep = 1.0 - 1.0 / MEMORY;
-        for (product, error) in self.products.iter_mut().zip(error) {
-            *product = keep * *product + error * way;
+        let lessons = [
+            error[0] * told.x + error[1] * told.y,
+            error[1] * told.x - error[0] * told.y,
+            error[2] * told.x,
+        ];
+        for (product, lesson) in self.products.iter_mut().zip(lessons) {
+            *product = keep * *product + lesson;
         }
-        self.ways = keep * self.ways + way * way;
+        let ahead = told.x * told.x;
+        self.ways[0] = keep * self.ways[0] + ahead + told.y * told.y;
+        self.ways[1] = keep * self.ways[1] + ahead;
         let seen = [
             0.5 * (rest[0] * rest[0] + rest[1] * rest[1]),
             rest[2] * rest[2],
@@ -199,6 +214,18 @@ mod tests {
         let drift = taught(|| Planar::new(1.0, 0.0, 0.1));
         assert!(drift.bias().iter().all(|b| b.abs() < 1e-9));
         assert!(drift.factors().iter().all(|f| (f - 1.0).abs() < 1e-9));
+    }
+
+    #[test]
+    fn jitter_on_the_spot_is_not_turned_into_a_way() {
+        let drift = taught(|| Planar::new(0.9, 0.1, 0.2));
+        let mut pose = Planar::default();
+        for k in 0..1000 {
+            let to_and_fro = if k % 2 == 0 { 0.02 } else { -0.02 };
+            let step = drift.corrected(&Planar::new(to_and_fro, -to_and_fro, 0.0));
+            pose = Planar::new(pose.x + step.x, pose.y + step.y, pose.yaw + step.yaw);
+        }
+        assert!(pose.is_near(&Planar::default(), 1e-9, 1e-9), "{pose:?}");
     }
 
     #[test]

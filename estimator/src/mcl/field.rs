@@ -170,6 +170,30 @@ impl Field {
             .wrapping_add(whole(u, self.last_column))
     }
 
+    /// Indices of the cells of many points given in the axes of a place: (u, v) in cells, its yaw as cosine and sine. Written
+    /// for vector instructions; a table small enough counts its cells in f32, because whole numbers multiply slowly there.
+    #[inline]
+    pub(crate) fn indices(
+        &self,
+        [u, v, c, s]: [f32; 4],
+        points: (&[f32], &[f32]),
+        indices: &mut [u32],
+    ) {
+        let turned = indices.iter_mut().zip(points.0).zip(points.1);
+        if self.codes.len() <= LARGEST {
+            let width = self.width as f32;
+            for ((index, x), y) in turned {
+                let column = rounded(u + c * x - s * y, self.last_column);
+                let row = rounded(v + s * x + c * y, self.last_row);
+                *index = (row * width + column + MAGIC).to_bits() & LARGEST as u32;
+            }
+        } else {
+            for ((index, x), y) in turned {
+                *index = self.index(u + c * x - s * y, v + s * x + c * y);
+            }
+        }
+    }
+
     /// Distance code of a cell.
     #[inline]
     pub(crate) fn code_of(&self, index: u32) -> u8 {
@@ -217,13 +241,25 @@ impl Field {
 /// become vector instructions: adding 1.5 * 2^23 leaves the nearest whole number in the lowest bits.
 #[inline]
 fn whole(v: f32, last: f32) -> u32 {
-    const MAGIC: f32 = 12_582_912.0;
-    let below = v - 0.5;
-    // Written so that NaN becomes 0.
-    let below = if below > 0.0 { below } else { 0.0 };
-    let below = if below < last { below } else { last };
-    (below + MAGIC).to_bits() & 0x003F_FFFF
+    (within(v, last) + MAGIC).to_bits() & LARGEST as u32
 }
+
+/// The same as a number.
+#[inline]
+fn rounded(v: f32, last: f32) -> f32 {
+    (within(v, last) + MAGIC) - MAGIC
+}
+
+/// Half less, limited; NaN becomes 0.
+#[inline]
+fn within(v: f32, last: f32) -> f32 {
+    let below = v - 0.5;
+    let below = if below > 0.0 { below } else { 0.0 };
+    if below < last { below } else { last }
+}
+
+/// Added to a number below 2^22 it leaves the nearest whole one in the lowest bits: 1.5 * 2^23.
+const MAGIC: f32 = 12_582_912.0;
 
 /// The plan without the inside of thick walls: a hit deep inside a wall must not look like a hit on its surface.
 /// None if no wall is thick.

@@ -20,6 +20,10 @@ const KLD_PER_RAD: f32 = 5.73;
 /// Particles lighter than this share of the average do not count as a place.
 const KLD_LIGHT: f32 = 0.1;
 
+/// The size of the set is looked at when it is resampled, and every so many updates.
+const SIZE_EVERY: u32 = 4;
+/// Bins of place on a side of the square around the cluster where counting needs no hashing; yaw is a bit of the word.
+const WINDOW: usize = 32;
 /// No resampling on scans that are mostly old news.
 const RESAMPLE_NEWS: f64 = 0.2;
 /// Evidence that would leave a smaller effective share of the set than this is taken in stages ...
@@ -51,6 +55,11 @@ pub struct ParticleFilter {
     bins: Bins,
     readings: Readings,
     random: Random,
+    /// Where the heaviest cluster was.
+    heaviest: Option<Planar>,
+    /// Updates since the size of the set was looked at.
+    unsized_for: u32,
+    window: Box<[u64; WINDOW * WINDOW]>,
     smallest: usize,
     effective_beams: f64,
     kld_error: f64,
@@ -74,6 +83,9 @@ impl ParticleFilter {
             bins: Bins::new(),
             readings: Readings::with_capacity(),
             random: Random::new(seed),
+            heaviest: None,
+            unsized_for: 0,
+            window: Box::new([0; WINDOW * WINDOW]),
             smallest: (params.particles_min.max(1) as usize).min(largest),
             effective_beams: params.effective_beams,
             kld_error: params.kld_error,
@@ -198,14 +210,20 @@ impl ParticleFilter {
             let scale = (self.effective_beams / n).min(1.0) * news.clamp(0.0, 1.0);
             self.weigh(scale as f32, news > RESAMPLE_NEWS);
         }
-        let heaviest = cluster::heaviest(&self.particles, &mut self.bins)?;
+        let hint = self.heaviest.map(|pose| pose.then(step));
+        let heaviest = cluster::heaviest(&self.particles, hint.as_ref(), &mut self.bins)?;
+        self.heaviest = Some(heaviest.pose);
         let effective = self.particles.effective();
         let n = self.particles.len();
-        let wanted = self.wanted();
         let is_poor = effective < self.resample_below * n as f64;
-        let is_oversized = n > wanted + wanted / 2;
-        if !self.readings.is_empty() && (is_poor || is_oversized) && news > RESAMPLE_NEWS {
-            self.particles.resample(wanted, &mut self.random);
+        self.unsized_for += 1;
+        let may_shrink = n > self.smallest && self.unsized_for >= SIZE_EVERY;
+        if !self.readings.is_empty() && news > RESAMPLE_NEWS && (is_poor || may_shrink) {
+            self.unsized_for = 0;
+            let wanted = self.wanted(&heaviest.pose);
+            if is_poor || n > wanted + wanted / 2 {
+                self.particles.resample(wanted, &mut self.random);
+            }
         }
         Some(Updated {
             heaviest,
@@ -218,23 +236,26 @@ impl ParticleFilter {
     /// spread the copies a little, and so on (regularised and annealed particle filter: Musso, Oudjane, Le Gland 2001;
     /// Deutscher, Blake, Reid 2000).
     fn weigh(&mut self, scale: f32, may_resample: bool) {
-        let n = self.particles.len();
         let mut rest = scale;
         for stage in 0..STAGES {
             self.sensor
                 .weigh(&self.field, &self.readings, &mut self.particles);
-            let portion = if may_resample && stage + 1 < STAGES {
-                self.bearable(rest)
-            } else {
-                rest
-            };
+            // All at once, as nearly always is right; taken back if that leaves too little.
+            self.particles.weigh(rest);
+            self.particles.normalise();
+            let n = self.particles.len();
+            if !may_resample
+                || stage + 1 == STAGES
+                || self.particles.effective() >= STARVED * n as f64
+            {
+                return;
+            }
+            self.particles.weigh(-rest);
+            let portion = self.bearable(rest);
             self.particles.weigh(portion);
             self.particles.normalise();
             rest -= portion;
-            if rest <= 0.0 {
-                return;
-            }
-            let Some(heaviest) = cluster::heaviest(&self.particles, &mut self.bins) else {
+            let Some(heaviest) = cluster::heaviest(&self.particles, None, &mut self.bins) else {
                 return;
             };
             self.particles.resample(n, &mut self.random);
@@ -246,9 +267,6 @@ impl ParticleFilter {
     /// How much of the evidence the set can take at once.
     fn bearable(&self, rest: f32) -> f32 {
         let n = self.particles.len() as f64;
-        if self.particles.effective_after(rest) >= STARVED * n {
-            return rest;
-        }
         let (mut low, mut high) = (0.0, rest);
         for _ in 0..8 {
             let middle = 0.5 * (low + high);
@@ -261,21 +279,32 @@ impl ParticleFilter {
         low.max(0.02 * rest)
     }
 
-    fn wanted(&mut self) -> usize {
+    /// Size of the set by KLD sampling.
+    fn wanted(&mut self, around: &Planar) -> usize {
         self.bins.clear();
+        self.window.fill(0);
+        let half = WINDOW as f32 / (2.0 * KLD_PER_M);
+        let (x0, y0) = (around.x as f32 - half, around.y as f32 - half);
         let light = KLD_LIGHT / self.particles.len() as f32;
-        for i in 0..self.particles.len() {
-            if self.particles.weight[i] > light {
-                let (x, y, yaw) = (
-                    self.particles.x[i],
-                    self.particles.y[i],
-                    self.particles.yaw[i],
-                );
+        let p = &self.particles;
+        for (((x, y), yaw), weight) in p.x.iter().zip(&p.y).zip(&p.yaw).zip(&p.weight) {
+            if *weight <= light {
+                continue;
+            }
+            let (u, v) = ((x - x0) * KLD_PER_M, (y - y0) * KLD_PER_M);
+            let limit = WINDOW as f32;
+            if u >= 0.0 && v >= 0.0 && u < limit && v < limit {
+                // 36 bins of yaw: half a turn below zero is bin 0.
+                let bit = ((yaw + core::f32::consts::PI) * KLD_PER_RAD) as u32 & 63;
+                self.window[(v as usize & 31) * WINDOW + (u as usize & 31)] |= 1 << bit;
+            } else {
                 self.bins
-                    .add(Bins::key(x, y, yaw, KLD_PER_M, KLD_PER_RAD), 0.0);
+                    .add(Bins::key(*x, *y, *yaw, KLD_PER_M, KLD_PER_RAD), 0.0);
             }
         }
-        kld_size(self.bins.count(), self.kld_error).clamp(self.smallest, self.particles.capacity())
+        let near: u32 = self.window.iter().map(|w| w.count_ones()).sum();
+        kld_size(self.bins.count() + near as usize, self.kld_error)
+            .clamp(self.smallest, self.particles.capacity())
     }
 }
 

@@ -7,6 +7,7 @@
 //! | [`field`] | the plan as a table of distances |
 //! | [`sensor`] | likelihood of readings, by table |
 //! | [`drift`] | bias and noise of odometry, learned while the place is known |
+//! | [`range_table`], [`beam_model`] | expected ranges of every cell and direction; beam mixture on them |
 //! | [`motion`] | how particles move with odometry |
 //! | [`particles`] | the particles, systematic resampling |
 //! | [`bins`] | counting by place; KLD size of the set |
@@ -22,6 +23,7 @@
 //!
 //! Dellaert, Fox, Burgard, Thrun 1999; Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), chapters 4, 6, 8; Fox 2003 (KLD).
 
+pub mod beam_model;
 pub mod beams;
 pub mod bins;
 pub mod cluster;
@@ -34,6 +36,7 @@ pub mod motion;
 pub mod particles;
 pub mod planar;
 pub mod random;
+pub mod range_table;
 pub mod replay;
 pub mod search;
 pub mod sensor;

@@ -22,6 +22,9 @@ pub struct MotionNoise {
     pub yaw_rad: f64,
 }
 
+/// Particles moved at once.
+const BLOCK: usize = 64;
+
 impl Default for MotionNoise {
     fn default() -> Self {
         Self {
@@ -51,13 +54,24 @@ impl MotionNoise {
         let (std_xy, std_yaw) = self.std_of(step);
         let (std_xy, std_yaw) = (std_xy as f32, std_yaw as f32);
         let (dx, dy, dyaw) = (step.x as f32, step.y as f32, step.yaw as f32);
-        for i in 0..particles.len() {
-            let (s, c) = sin_cos(particles.yaw[i]);
-            let forward = dx + std_xy * random.gaussian();
-            let left = dy + std_xy * random.gaussian();
-            particles.x[i] += c * forward - s * left;
-            particles.y[i] += s * forward + c * left;
-            particles.yaw[i] = wrap(particles.yaw[i] + dyaw + std_yaw * random.gaussian());
+        let n = particles.len();
+        let mut turns = [(0.0f32, 1.0f32); BLOCK];
+        for begin in (0..n).step_by(BLOCK) {
+            let block = begin..(begin + BLOCK).min(n);
+            let x = &mut particles.x[block.clone()];
+            let y = &mut particles.y[block.clone()];
+            let yaw = &mut particles.yaw[block];
+            // Arithmetic only, so vector instructions; the random numbers depend on each other.
+            for (turn, yaw) in turns.iter_mut().zip(&*yaw) {
+                *turn = sin_cos(*yaw);
+            }
+            for (((x, y), yaw), (s, c)) in x.iter_mut().zip(y).zip(&mut *yaw).zip(&turns) {
+                let forward = dx + std_xy * random.gaussian();
+                let left = dy + std_xy * random.gaussian();
+                *x += c * forward - s * left;
+                *y += s * forward + c * left;
+                *yaw = wrap(*yaw + dyaw + std_yaw * random.gaussian());
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The particles: structure of arrays, allocated once.
 
 use super::random::Random;
-use super::random::wrap;
+use super::random::{exp_below_zero, wrap};
 use vehicle::MapPose;
 
 /// Particles on the plan. Weights are logarithms until [`Particles::normalise`] makes them shares that sum to 1.
@@ -160,23 +160,17 @@ impl Particles {
 
     /// Turns log weights into shares. Equal shares if nothing is left of them.
     pub fn normalise(&mut self) {
-        let highest = self
-            .log_weight
-            .iter()
-            .copied()
-            .fold(f32::NEG_INFINITY, f32::max);
+        let highest = highest_of(&self.log_weight);
         if !highest.is_finite() {
             self.equalise();
             return;
         }
-        let mut sum = 0.0f64;
         for (w, l) in self.weight.iter_mut().zip(&mut self.log_weight) {
-            *l -= highest;
-            *l = if *l > -80.0 { *l } else { -80.0 };
+            let below = *l - highest;
+            *l = if below > -80.0 { below } else { -80.0 };
             *w = exp_below_zero(*l);
-            sum += f64::from(*w);
         }
-        let inverse = (1.0 / sum) as f32;
+        let inverse = (1.0 / sum_of(&self.weight)) as f32;
         for w in &mut self.weight {
             *w *= inverse;
         }
@@ -192,11 +186,7 @@ impl Particles {
     /// Effective sample size, 1 / sum of squared shares.
     #[must_use]
     pub fn effective(&self) -> f64 {
-        let squares: f64 = self
-            .weight
-            .iter()
-            .map(|w| f64::from(*w) * f64::from(*w))
-            .sum();
+        let squares = squares_of(&self.weight);
         if squares > 0.0 { 1.0 / squares } else { 0.0 }
     }
 
@@ -235,10 +225,47 @@ impl Particles {
     }
 }
 
-/// exp(v) for v <= 0; nothing (0, not a denormal number) below -80 and for NaN.
-#[inline]
-fn exp_below_zero(v: f32) -> f32 {
-    if v > -80.0 { libm::expf(v) } else { 0.0 }
+/// Values summed at once: sums of a block are f32 and vector instructions, blocks are summed in f64.
+const BLOCK: usize = 64;
+const LANES: usize = 8;
+
+/// Largest value; NaN counts as nothing.
+fn highest_of(values: &[f32]) -> f32 {
+    let (eights, rest) = values.as_chunks::<LANES>();
+    let mut highest = [f32::NEG_INFINITY; LANES];
+    for eight in eights {
+        for (h, v) in highest.iter_mut().zip(eight) {
+            *h = if *v > *h { *v } else { *h };
+        }
+    }
+    highest
+        .iter()
+        .chain(rest)
+        .fold(f32::NEG_INFINITY, |h, v| if *v > h { *v } else { h })
+}
+
+fn fold_of(values: &[f32], term: impl Fn(f32) -> f32) -> f64 {
+    let mut sum = 0.0;
+    for block in values.chunks(BLOCK) {
+        let (eights, rest) = block.as_chunks::<LANES>();
+        let mut lanes = [0.0f32; LANES];
+        for eight in eights {
+            for (lane, v) in lanes.iter_mut().zip(eight) {
+                *lane += term(*v);
+            }
+        }
+        sum += f64::from(lanes.iter().sum::<f32>());
+        sum += f64::from(rest.iter().map(|v| term(*v)).sum::<f32>());
+    }
+    sum
+}
+
+fn sum_of(values: &[f32]) -> f64 {
+    fold_of(values, |v| v)
+}
+
+fn squares_of(values: &[f32]) -> f64 {
+    fold_of(values, |v| v * v)
 }
 
 #[cfg(test)]

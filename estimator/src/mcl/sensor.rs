@@ -15,6 +15,9 @@ use crate::EstimatorParams;
 /// Most readings one update uses; two full scans.
 pub const MAX_READINGS: usize = 128;
 
+/// Entries of all tables, a power of two.
+const TABLE: usize = 256 * Evidence::COUNT.next_power_of_two();
+
 /// Weight of a particle whose place the plan calls a wall or unknown: exp(-6), not zero (algorithms note 2).
 const OFF_PLAN: f32 = -6.0;
 /// Probability of no return with a wall within a metre (recorded: 0.4 %; doubled for dark or slanted walls), against the
@@ -127,7 +130,7 @@ impl SensorModel {
             laser_std_m,
             random_share,
         } = *noise;
-        let mut tables = vec![0.0; 256 * Evidence::COUNT];
+        let mut tables = vec![0.0; TABLE];
         let mut fill = |evidence: Evidence, std_m: f64, random: f64, weight: f64| {
             for code in 0..256usize {
                 let d = code as f64 * CODE_M / std_m;
@@ -159,7 +162,10 @@ impl SensorModel {
     pub(crate) fn weigh(&self, field: &Field, readings: &Readings, particles: &mut Particles) {
         let inverse = (1.0 / field.cell_m()) as f32;
         let [ox, oy] = field.origin().map(|o| o as f32);
-        let tables = &self.tables[..];
+        // A power of two: looking up needs no check.
+        let Some(tables) = self.tables.first_chunk::<TABLE>() else {
+            return;
+        };
         let rays = readings.rays_x.len();
         let (rays_x, rays_y) = (&readings.rays_x[..rays], &readings.rays_y[..rays]);
         let rays_table = &readings.rays_table[..rays];
@@ -170,11 +176,10 @@ impl SensorModel {
             let u = (particles.x[i] - ox) * inverse;
             let v = (particles.y[i] - oy) * inverse;
             // Two loops: the first is arithmetic only and becomes vector instructions, the second looks up.
-            for ((cell, x), y) in cells.iter_mut().zip(rays_x).zip(rays_y) {
-                *cell = field.index(u + c * x - s * y, v + s * x + c * y);
-            }
-            let value =
-                |cell: u32, table: u32| tables[(table | u32::from(field.code_of(cell))) as usize];
+            field.indices([u, v, c, s], (rays_x, rays_y), cells);
+            let value = |cell: u32, table: u32| {
+                tables[((table | u32::from(field.code_of(cell))) & 0x7FF) as usize]
+            };
             let mut sums = [0.0f32; 4];
             let fours = cells.chunks_exact(4).zip(rays_table.chunks_exact(4));
             for (cell, table) in fours {

@@ -118,7 +118,7 @@ pub struct ThesisInput {
 
 impl From<&Reading> for ThesisInput {
     fn from(r: &Reading) -> Self {
-        // A gyro that does not measure is no number to the filter: the channel is left out by name.
+        // What does not measure is no number to the filter: the channel is left out by name.
         let lost = Vector3::repeat(f64::NAN);
         Self {
             accel_mps2: r.measured.accel_mps2,
@@ -128,7 +128,11 @@ impl From<&Reading> for ThesisInput {
                 lost
             },
             angles: r.measured.angles,
-            altitude_m: r.measured.altitude_m,
+            altitude_m: if r.baro_is_good {
+                r.measured.altitude_m
+            } else {
+                f64::NAN
+            },
             accel_is_good: r.accel_is_good,
             mag_is_good: r.mag_is_good,
             fix: None,
@@ -457,4 +461,5 @@ fn is_within(v: Vector3<f64>, limit: f64) -> bool {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests;

@@ -26,7 +26,7 @@ pub mod unwrap;
 pub use airframe::UquadAirframe;
 pub use dynamics::Equations;
 pub use filter::{
-    Channel, Refusal, StateSet, ThesisConfig, ThesisError, ThesisFilter, ThesisInput,
+    Channel, LeftOut, Refusal, StateSet, ThesisConfig, ThesisError, ThesisFilter, ThesisInput,
 };
 pub use noise::Noise;
 

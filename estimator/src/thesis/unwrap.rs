@@ -15,6 +15,7 @@ pub fn unwrap_theta(measured_rad: f64, estimate_rad: f64) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -2,7 +2,7 @@
 
 use super::Event;
 use super::identify::{Identify, Outcome};
-use super::link::{Link, Origin, Outstanding, RESTART_US, blocks};
+use super::link::{Link, MAX_OUTSTANDING, Origin, Outstanding, RESTART_US, blocks};
 use super::schedule::{Members, Turns, default_schedule};
 use crate::command;
 use crate::frame::{Direction, Frame};
@@ -14,19 +14,59 @@ use arrayvec::ArrayVec;
 /// A loop that has stood still so long will not start by itself (seen once in about 12 starts of
 /// Betaflight's simulator build).
 const STILL_US: u64 = 3_000_000;
+/// Replies to nothing put the link in step again at most so often.
+const SYNC_PAUSE_US: u64 = 1_000_000;
+/// Then a controller is so slow that RC is never answered in time, and polls must go on nevertheless.
+const MAX_SYNCS: u8 = 5;
 
 impl Link {
     pub(super) fn on_frame(&mut self, now_us: u64, frame: &Frame<'_>) {
-        let Some(index) = self
+        // What was sent after the question that puts us in step cannot be answered before it.
+        let sync = self
             .outstanding
+            .iter()
+            .position(|waiting| waiting.origin == Origin::Sync);
+        let answerable = sync.map_or(self.outstanding.len(), |index| index + 1);
+        let Some(index) = self.outstanding[..answerable]
             .iter()
             .position(|waiting| waiting.command == frame.command)
         else {
             self.statistics.stale_replies += 1;
             self.heard(now_us);
+            if now_us >= self.sync_again_us {
+                // Meant for somebody else, or we are out of step.
+                self.is_syncing = true;
+                self.sync_again_us = now_us + SYNC_PAUSE_US;
+            }
             return;
         };
+        if self.outstanding[index].origin == Origin::Sync && self.syncs_late > 0 {
+            // Perhaps the reply to one that was given up. If those were lost, nothing comes any more, and
+            // the next question counts none.
+            self.syncs_late -= 1;
+            self.sync_is_heard = true;
+            self.outstanding[index].sent_us = now_us;
+            self.heard(now_us);
+            return;
+        }
         let asked = self.outstanding.remove(index);
+        if asked.origin == Origin::Sync {
+            self.is_syncing = self.rc_late && self.syncs_in_row < MAX_SYNCS;
+            self.syncs_in_row = if self.is_syncing {
+                self.syncs_in_row + 1
+            } else {
+                0
+            };
+            self.rc_late = false;
+            self.sync_is_heard = false;
+            for lost in self
+                .outstanding
+                .drain(..index)
+                .collect::<ArrayVec<_, MAX_OUTSTANDING>>()
+            {
+                self.on_unanswered(now_us, &lost);
+            }
+        }
         if blocks(asked.command) {
             self.patience_until_us = now_us;
         }
@@ -49,14 +89,19 @@ impl Link {
             let silent_us = now_us.saturating_sub(self.heard_us);
             self.emit(Event::Recovered { silent_us });
         }
-        self.is_mute = false;
+        if self.is_mute {
+            // What was given up may be answered yet: replies would be taken for those to newer requests, and
+            // a backlog would stay in the controller for as long as its slots are filled.
+            self.is_mute = false;
+            self.is_syncing = true;
+        }
         self.heard_us = now_us;
         self.noise_before = self.statistics.noise_bytes;
     }
 
     fn on_refused(&mut self, now_us: u64, asked: &Outstanding) {
         match &asked.origin {
-            Origin::Probe => {}
+            Origin::Probe | Origin::Sync => {}
             Origin::Refresh => self.on_refreshed(now_us),
             // Too many channels, or no MSP receiver compiled in: the pilot must know, once.
             Origin::Rc => {
@@ -76,13 +121,14 @@ impl Link {
             }
             Origin::Schedule(members) if asked.command == command::MULTIPLE_MSP => {
                 // Does not know batches, or one of the members: ask one by one and find out which.
-                self.turns.on_left_out(members);
+                self.turns.on_left_out(now_us, members);
             }
             Origin::Schedule(members) => {
-                self.turns.on_refused(members);
-                self.emit(Event::Refused {
-                    command: asked.command,
-                });
+                if self.turns.on_refused(now_us, members) {
+                    self.emit(Event::Refused {
+                        command: asked.command,
+                    });
+                }
             }
         }
     }
@@ -97,7 +143,7 @@ impl Link {
         }
         let reply = Reply::parse(asked.command, payload);
         match &asked.origin {
-            Origin::Probe => {}
+            Origin::Probe | Origin::Sync => {}
             Origin::Refresh => {
                 self.on_refreshed(now_us);
                 match &reply {
@@ -143,7 +189,9 @@ impl Link {
             .copied()
             .map(u16::from)
             .collect();
-        self.turns.on_left_out(&left_out);
+        if !left_out.is_empty() {
+            self.turns.on_left_out(now_us, &left_out);
+        }
     }
 
     fn deliver(&mut self, now_us: u64, sent_us: u64, reply: Result<Reply, ParseError>) {
@@ -237,7 +285,11 @@ impl Link {
         self.outstanding
             .retain(|waiting| !matches!(waiting.origin, Origin::Schedule(_)));
         self.identify = None;
-        self.identity = Some(identity.clone());
+        let before = self.identity.replace(identity.clone());
+        let is_new = before.is_some_and(|before| {
+            before.box_ids != identity.box_ids || before.rx_map != identity.rx_map
+        });
+        self.statistics.changes += u64::from(is_new);
         self.begin_watch(now_us);
         self.emit(Event::Identified(identity));
     }
@@ -245,6 +297,7 @@ impl Link {
     /// Forgets a controller that is starting anew and identifies it from `from_us` on.
     pub(super) fn restart(&mut self, now_us: u64, from_us: u64) {
         self.statistics.restarts += 1;
+        self.is_syncing = false;
         self.identity = None;
         self.identify = Some(Identify::new(from_us));
         self.turns.reset();

@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 /// Events that wait at most.
 const MAX_EVENTS: usize = 64;
 /// Outstanding requests at most: 4, RC above them, and one that blocks the controller.
-const MAX_OUTSTANDING: usize = 8;
+pub(super) const MAX_OUTSTANDING: usize = 8;
 /// How long a controller is left alone after it has acknowledged a restart.
 pub(super) const RESTART_US: u64 = 1_000_000;
 
@@ -41,6 +41,19 @@ pub(super) struct Link {
     /// The last RC frame was refused, and that has been told.
     pub(super) rc_is_refused: bool,
     pub(super) is_lost: bool,
+    /// Replies may be those to older requests: nothing but RC is sent until the reply to [`SYNC`] tells
+    /// that all of them are through.
+    pub(super) is_syncing: bool,
+    /// Such questions given up, whose replies may come yet.
+    pub(super) syncs_late: u8,
+    /// One of those replies came while the present one waited.
+    pub(super) sync_is_heard: bool,
+    /// RC frames given up since such a question was sent: their replies come after its own.
+    pub(super) rc_late: bool,
+    /// Such questions in a row.
+    pub(super) syncs_in_row: u8,
+    /// When a reply to nothing may start that again.
+    pub(super) sync_again_us: u64,
     /// Which list is read again next, and when.
     pub(super) refresh_command: u16,
     pub(super) refresh_at_us: u64,
@@ -104,7 +117,13 @@ pub(super) enum Origin {
     Rc,
     Refresh,
     Schedule(Members),
+    Sync,
 }
+
+/// The question by which the client finds out where it stands. Replies have no number, but they come in
+/// the order of the requests: when this one is answered, everything sent before it has been answered or is
+/// lost. Nothing else asks it, every firmware knows it or refuses it, its reply is short.
+pub(super) const SYNC: u16 = command::DEBUG;
 
 /// When a controller is judged after its identification, and again while it is fast enough.
 const JUDGE_US: u64 = 3_000_000;
@@ -131,6 +150,12 @@ impl Link {
             noise_before: 0,
             rc_is_refused: false,
             is_lost: false,
+            is_syncing: false,
+            syncs_late: 0,
+            sync_is_heard: false,
+            rc_late: false,
+            syncs_in_row: 0,
+            sync_again_us: 0,
             refresh_command: command::BOXIDS,
             refresh_at_us: 0,
             is_starting: None,
@@ -164,6 +189,8 @@ impl Link {
         self.noise_before = self.statistics.noise_bytes;
         self.is_lost = false;
         self.is_mute = false;
+        self.is_syncing = false;
+        self.syncs_late = 0;
         self.is_starting = None;
         self.still_since_us = None;
         self.judge_at_us = None;
@@ -299,6 +326,8 @@ impl Link {
 
     /// The list was read, or the controller has none: now the other one.
     pub(super) fn on_refreshed(&mut self, now_us: u64) {
+        // Now and then without a reason: a second client may have put us out of step unnoticed.
+        self.is_syncing = true;
         let has_map = self
             .identity
             .as_ref()
@@ -324,11 +353,21 @@ impl Link {
     }
 
     fn on_timeout(&mut self, now_us: u64, late: &Outstanding) {
-        self.statistics.timeouts += 1;
         self.averages.on_pause();
         self.is_mute = true;
+        self.on_unanswered(now_us, late);
+    }
+
+    pub(super) fn on_unanswered(&mut self, now_us: u64, late: &Outstanding) {
+        self.statistics.timeouts += 1;
         match &late.origin {
-            Origin::Probe | Origin::Rc | Origin::Refresh => {}
+            Origin::Rc => self.rc_late |= self.is_syncing,
+            Origin::Probe | Origin::Refresh => {}
+            Origin::Sync if self.sync_is_heard => {
+                // Those given up are lost: what came was the reply to this one.
+                (self.syncs_late, self.sync_is_heard) = (0, false);
+            }
+            Origin::Sync => self.syncs_late = self.syncs_late.saturating_add(1),
             Origin::Schedule(members) => self.turns.on_timeout(now_us, members),
             Origin::Identify => {
                 if self
@@ -379,10 +418,10 @@ impl Link {
         }
         let timeouts = self.outstanding.iter().map(Outstanding::deadline_us).min();
         let silence = self.lost_at_us();
-        let due = (self.is_online() && self.has_room())
-            .then(|| self.turns.next_due_us())
-            .flatten();
-        let may_ask = self.is_online() && self.has_room();
+        // While it gets in step only the reply or its time-out matters.
+        let has_room = self.has_room() && (self.is_mute || !self.is_syncing);
+        let may_ask = self.is_online() && has_room;
+        let due = may_ask.then(|| self.turns.next_due_us()).flatten();
         let fill = self
             .fill_pause_us()
             .filter(|_| may_ask)
@@ -394,7 +433,7 @@ impl Link {
         let identify = self
             .identify
             .as_ref()
-            .filter(|_| self.has_room() && !self.is_outstanding(&Origin::Identify))
+            .filter(|_| has_room && !self.is_outstanding(&Origin::Identify))
             .map(|identify| identify.since_us);
         let rc = self
             .rc

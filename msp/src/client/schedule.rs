@@ -80,9 +80,29 @@ struct Entry {
     sent_us: u64,
     in_flight: bool,
     /// The controller does not answer it inside a batch.
-    single: bool,
-    /// The controller refuses it: not asked again before the next identification.
-    refused: bool,
+    single: Penalty,
+    /// The controller refuses it.
+    refused: Penalty,
+}
+
+/// Something the controller did not do. It is not asked for it again for a while, each time longer; but
+/// it is asked again, since one garbled reply or another client's refusal must not blind a vehicle for the
+/// rest of its flight.
+#[derive(Clone, Copy, Debug, Default)]
+struct Penalty {
+    until_us: u64,
+    times: u8,
+}
+
+impl Penalty {
+    /// First and longest pause of a refusal, and of a batch: asking in vain costs nothing at the last rate.
+    const REFUSED_US: [u64; 2] = [1_000_000, 4_000_000];
+    const SINGLE_US: [u64; 2] = [4_000_000, 16_000_000];
+
+    fn extend(&mut self, now_us: u64, [first_us, longest_us]: [u64; 2]) {
+        self.until_us = now_us + (first_us << self.times).min(longest_us);
+        self.times = (self.times + 1).min(8);
+    }
 }
 
 /// Commands of one request: one, or the members of a batch.
@@ -122,8 +142,11 @@ impl Turns {
             due_us: now_us,
             sent_us: 0,
             in_flight: false,
-            single: poll.command > 254,
-            refused: false,
+            single: Penalty {
+                until_us: if poll.command > 254 { u64::MAX } else { 0 },
+                times: 0,
+            },
+            refused: Penalty::default(),
         };
         Self {
             entries: schedule.iter().map(entry).collect(),
@@ -142,13 +165,13 @@ impl Turns {
         let first = self
             .entries
             .iter()
-            .filter(|entry| entry.may_fill() && now_us >= entry.sent_us + pause_us)
+            .filter(|entry| entry.may_fill(now_us) && now_us >= entry.sent_us + pause_us)
             // The first of equals, as in `next`.
             .rev()
             .max_by_key(|entry| waited(entry))?;
-        let rides = |entry: &Entry| entry.may_fill() && waited(entry) >= waited(first) / 2;
+        let rides = |entry: &Entry| entry.may_fill(now_us) && waited(entry) >= waited(first) / 2;
         Some(Turn {
-            members: self.batch(first, batches, rides),
+            members: self.batch(first, now_us, batches, rides),
             score: 0,
             is_overdue: false,
         })
@@ -156,14 +179,19 @@ impl Turns {
 
     /// When [`Self::fill`] has something to send.
     pub(super) fn next_fill_us(&self, pause_us: u64) -> Option<u64> {
-        let idle = self.entries.iter().filter(|entry| entry.may_fill());
-        idle.map(|entry| entry.sent_us + pause_us).min()
+        let fast = |entry: &&Entry| entry.poll.priority == Priority::Fast;
+        self.entries
+            .iter()
+            .filter(fast)
+            .map(|entry| (entry.sent_us + pause_us).max(entry.refused.until_us))
+            .min()
     }
 
     /// The most urgent request; `batches` says whether requests of fast priority may go together.
     pub(super) fn next(&self, now_us: u64, batches: bool) -> Option<Turn> {
         let mut best: Option<(u64, &Entry)> = None;
-        for entry in self.entries.iter().filter(|entry| entry.is_idle()) {
+        let idle = |entry: &&Entry| entry.is_idle() && now_us >= entry.refused.until_us;
+        for entry in self.entries.iter().filter(idle) {
             let score = entry.score(now_us);
             if score.is_some_and(|score| best.is_none_or(|(most, _)| score > most)) {
                 best = score.map(|score| (score, entry));
@@ -176,18 +204,27 @@ impl Turns {
             entry.is_idle() && entry.due_us <= now_us + u64::from(entry.poll.interval_us / 2)
         };
         Some(Turn {
-            members: self.batch(first, batches, rides),
+            members: self.batch(first, now_us, batches, rides),
             score,
             is_overdue,
         })
     }
 
     /// `first` and who may go with it.
-    fn batch(&self, first: &Entry, batches: bool, rides: impl Fn(&Entry) -> bool) -> Members {
+    fn batch(
+        &self,
+        first: &Entry,
+        now_us: u64,
+        batches: bool,
+        rides: impl Fn(&Entry) -> bool,
+    ) -> Members {
         let mut members = Members::from_iter([first.poll.command]);
-        if batches && first.is_batchable() {
+        if batches && first.is_batchable(now_us) {
             let others = self.entries.iter().filter(|entry| {
-                entry.is_batchable() && entry.poll.command != first.poll.command && rides(entry)
+                entry.is_batchable(now_us)
+                    && now_us >= entry.refused.until_us
+                    && entry.poll.command != first.poll.command
+                    && rides(entry)
             });
             members.extend(others.map(|entry| entry.poll.command).take(MAX_POLLS - 1));
         }
@@ -199,7 +236,7 @@ impl Turns {
         self.entries
             .iter()
             .filter(|entry| entry.is_idle())
-            .map(|entry| entry.due_us)
+            .map(|entry| entry.due_us.max(entry.refused.until_us))
             .min()
     }
 
@@ -217,8 +254,13 @@ impl Turns {
     }
 
     pub(super) fn on_answered(&mut self, members: &[u16]) {
-        self.members(members)
-            .for_each(|entry| entry.in_flight = false);
+        for entry in self.members(members) {
+            entry.in_flight = false;
+            entry.refused.times = 0;
+            if members.len() > 1 {
+                entry.single.times = 0;
+            }
+        }
     }
 
     /// Not answered: ask again as soon as possible.
@@ -229,18 +271,22 @@ impl Turns {
         }
     }
 
-    pub(super) fn on_refused(&mut self, members: &[u16]) {
+    /// Whether it is news that they are refused.
+    pub(super) fn on_refused(&mut self, now_us: u64, members: &[u16]) -> bool {
+        let mut is_new = false;
         for entry in self.members(members) {
             entry.in_flight = false;
-            entry.refused = true;
+            is_new |= entry.refused.times == 0;
+            entry.refused.extend(now_us, Penalty::REFUSED_US);
         }
+        is_new
     }
 
-    /// The controller left them out of the reply to a batch.
-    pub(super) fn on_left_out(&mut self, members: &[u16]) {
+    /// The controller left them out of the reply to a batch, or refused the batch.
+    pub(super) fn on_left_out(&mut self, now_us: u64, members: &[u16]) {
         for entry in self.members(members) {
             entry.in_flight = false;
-            entry.single = true;
+            entry.single.extend(now_us, Penalty::SINGLE_US);
         }
     }
 
@@ -253,9 +299,11 @@ impl Turns {
 
     /// Requests per second the schedule asks for, a batch counted once.
     pub(super) fn demand_hz(&self, batches: bool) -> f64 {
-        let asked = || self.entries.iter().filter(|entry| !entry.refused);
+        let asked = || self.entries.iter().filter(|entry| entry.refused.times == 0);
         let rate_hz = |entry: &Entry| 1e6 / f64::from(entry.poll.interval_us);
-        let in_batch = |entry: &&Entry| batches && entry.is_batchable();
+        let in_batch = |entry: &&Entry| {
+            batches && entry.poll.priority == Priority::Fast && entry.single.times == 0
+        };
         let together_hz = asked().filter(in_batch).map(rate_hz).fold(0.0, f64::max);
         let alone_hz: f64 = asked().filter(|entry| !in_batch(entry)).map(rate_hz).sum();
         together_hz + alone_hz
@@ -270,15 +318,15 @@ impl Turns {
 
 impl Entry {
     const fn is_idle(&self) -> bool {
-        !self.in_flight && !self.refused
+        !self.in_flight
     }
 
-    fn may_fill(&self) -> bool {
-        !self.refused && self.poll.priority == Priority::Fast
+    fn may_fill(&self, now_us: u64) -> bool {
+        now_us >= self.refused.until_us && self.poll.priority == Priority::Fast
     }
 
-    fn is_batchable(&self) -> bool {
-        self.poll.priority == Priority::Fast && !self.single
+    fn is_batchable(&self, now_us: u64) -> bool {
+        self.poll.priority == Priority::Fast && now_us >= self.single.until_us
     }
 
     fn score(&self, now_us: u64) -> Option<u64> {
@@ -369,16 +417,23 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_request_is_not_repeated_and_one_left_out_of_a_batch_goes_alone() {
+    fn a_refused_request_rests_ever_longer_and_one_left_out_of_a_batch_goes_alone() {
         let imu = Poll {
             command: command::RAW_IMU,
             ..FAST
         };
         let mut turns = Turns::new(&Schedule::from_iter([FAST, imu]), 0);
-        turns.on_left_out(&[command::ATTITUDE]);
+        turns.on_left_out(0, &[command::ATTITUDE]);
         assert_eq!(turns.next(0, true).unwrap().members.len(), 1);
-        turns.on_refused(&[command::ATTITUDE, command::RAW_IMU]);
-        assert!(turns.next(0, true).is_none() && turns.next_due_us().is_none());
+        let both = [command::ATTITUDE, command::RAW_IMU];
+        assert!(turns.on_refused(0, &both));
+        assert!(turns.next(999_999, true).is_none());
+        assert_eq!(turns.next_due_us(), Some(1_000_000));
+        assert!(turns.next(1_000_000, true).is_some());
+        assert!(!turns.on_refused(1_000_000, &both), "no news");
+        assert_eq!(turns.next_due_us(), Some(3_000_000));
+        turns.on_answered(&both);
+        assert!(turns.on_refused(4_000_000, &both));
     }
 
     #[test]

@@ -690,7 +690,7 @@ fn a_one_off_request_is_sent_four_times_then_reported_unanswered() {
 fn saving_may_take_seconds_without_a_loss() {
     let mut bench = Bench::online(Kind::Betaflight);
     bench.client.request(command::EEPROM_WRITE, &[]).unwrap();
-    bench.run(3_000);
+    bench.run(13_000);
     bench.is_dead = true;
     bench.run(3_000_000);
     bench.is_dead = false;

@@ -2,7 +2,7 @@
 
 use super::MAX_REQUEST;
 use super::identify::Identify;
-use super::link::{Link, Origin, Outstanding, State, blocks};
+use super::link::{Link, Origin, Outstanding, SYNC, State, blocks};
 use super::schedule::{Members, Priority, score};
 use crate::command;
 use crate::frame::{Direction, EncodeError, Framing, encode};
@@ -26,6 +26,8 @@ pub(super) enum Choice {
     /// A list that changes with the configuration.
     Refresh,
     Schedule(Members),
+    /// Finds out which replies belong to which requests.
+    Sync,
 }
 
 impl Link {
@@ -35,7 +37,12 @@ impl Link {
         if self.state != State::Running {
             return None;
         }
-        let request = self.choose_request(now_us);
+        let request = if self.is_syncing && !self.is_mute {
+            let is_asked = self.is_outstanding(&Origin::Sync);
+            (!is_asked).then_some((Choice::Sync, true))
+        } else {
+            self.choose_request(now_us)
+        };
         if !self.may_send_rc() {
             return request.map(|(choice, _)| choice);
         }
@@ -53,7 +60,7 @@ impl Link {
             .count();
         self.rc.is_some()
             && self.identity.is_some()
-            && outstanding < MAX_RC_OUTSTANDING[usize::from(self.is_mute)]
+            && outstanding < MAX_RC_OUTSTANDING[usize::from(self.is_mute || self.is_syncing)]
             && self.load() <= self.depth()
     }
 
@@ -146,7 +153,7 @@ impl Link {
         let refresh = self
             .refresh_due_us()
             .filter(|_| !self.is_outstanding(&Origin::Refresh))
-            .and_then(|due_us| score(now_us, due_us, self.config.refresh_us, Priority::Slow));
+            .and_then(|due_us| score(now_us, due_us, ONE_OFF_INTERVAL_US, Priority::Normal));
         let all = [one_off, identify, scheduled, refresh];
         let Some(most) = all.into_iter().flatten().max() else {
             let is_quiet = self.outstanding.is_empty() && now_us >= self.probe_at_us();
@@ -161,7 +168,8 @@ impl Link {
             return Some((Choice::Identify, true));
         }
         if refresh == Some(most) {
-            return Some((Choice::Refresh, false));
+            let waited = now_us >= self.refresh_at_us + ONE_OFF_INTERVAL_US;
+            return Some((Choice::Refresh, waited));
         }
         let waited = front.is_some_and(|front| {
             front
@@ -215,6 +223,7 @@ impl Link {
             }
             Choice::Probe => (command::API_VERSION, Origin::Probe),
             Choice::Refresh => (self.refresh_command, Origin::Refresh),
+            Choice::Sync => (SYNC, Origin::Sync),
             Choice::OneOff => {
                 let Some(front) = self.one_offs.front_mut() else {
                     return Ok(());

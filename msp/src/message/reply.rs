@@ -38,7 +38,7 @@ macro_rules! replies {
         #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
         #[serde(untagged)]
         pub enum Reply {
-            $(#[doc = concat!("[`", stringify!($message), "`]")] $message($message),)*
+            $(#[doc = concat!("[`struct@", stringify!($message), "`]")] $message($message),)*
             /// Done: the empty reply to a request that sets or starts something.
             Ack {
                 /// Command number.

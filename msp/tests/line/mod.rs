@@ -3,7 +3,7 @@
 use msp::client::{Client, Event};
 use msp::message::multiple::{MultipleRequest, push_reply};
 use msp::message::{
-    Altitude, ApiVersion, Attitude, BatteryState, BoardInfo, BoxIds, FcVariant, FcVersion,
+    Altitude, ApiVersion, Attitude, BatteryState, BoardInfo, BoxIds, Debug, FcVariant, FcVersion,
     InavAnalog, InavStatus, RawImu, Reboot, RxMap, StatusEx, StatusExTail, StatusHead, StatusTail,
 };
 use msp::server::Request;
@@ -135,6 +135,7 @@ impl Controller {
             command::ALTITUDE => Reply::Altitude(Altitude::default()),
             command::RAW_IMU => Reply::RawImu(RawImu::default()),
             command::REBOOT => Reply::Reboot(Reboot { mode: Some(0) }),
+            command::DEBUG => Reply::Debug(Debug::default()),
             command::SET_RAW_RC | command::EEPROM_WRITE => Reply::Ack { command: number },
             command::STATUS_EX if is_betaflight => Reply::StatusEx(StatusEx {
                 head: StatusHead {

@@ -3,7 +3,7 @@
 //! Axes of the wire: FLU, attitude roll right +, pitch nose **down** +, heading clockwise 0..=359.
 
 use super::FlightController;
-use super::manner::{Board, MULTIWII_BOX, StatusKind};
+use super::manner::{Board, MULTIWII_BOX, RXFAIL_CONFIG, StatusKind};
 use crate::quad::Quad;
 use crate::quad::battery::{CAPACITY_MAH, CELLS};
 use crate::sensor::MAG_COUNTS_PER_GAUSS;
@@ -120,6 +120,11 @@ impl FlightController {
             command::STATUS => self.status().emit(out),
             command::STATUS_EX => self.status_ex().emit(out),
             MULTIWII_BOX => self.switches(out),
+            RXFAIL_CONFIG => {
+                for (channel, then) in self.settings.without_signal.iter().enumerate() {
+                    then.emit(channel, out);
+                }
+            }
             command::UID => Uid { uid: [0, 1, 2] }.emit(out),
             _ => return false,
         }

@@ -19,7 +19,7 @@
 
 mod rows;
 
-pub(super) use rows::{MULTIWII_BOX, MULTIWII_SET_BOX};
+pub(super) use rows::{MULTIWII_BOX, MULTIWII_SET_BOX, RXFAIL_CONFIG, SET_RXFAIL_CONFIG};
 
 use core::time::Duration;
 use serde::{Deserialize, Serialize};

@@ -37,7 +37,7 @@ use core::time::Duration;
 use estimate::Estimate;
 use manner::Table;
 use msp::Server;
-use receiver::Receiver;
+use receiver::{Mixing, Receiver};
 use serde::{Deserialize, Serialize};
 use settings::{Settings, Source};
 use stabilizer::{Command, Stabilizer};
@@ -221,8 +221,13 @@ impl FlightController {
         let ranges = &self.settings.mode_ranges;
         let range = ranges.iter().find(|r| r.is_used() && r.permanent_id == id);
         let switch = range.map(|r| 4 + usize::from(r.aux));
-        let mask = self.settings.override_mask;
-        self.receiver.update(now, mask, box_on, switch);
+        let rules = Mixing {
+            mask: self.settings.override_mask,
+            box_on,
+            switch,
+            without_signal: &self.settings.without_signal,
+        };
+        self.receiver.update(now, &rules);
         self.hears_radio = self.receiver.signal(now);
     }
 
@@ -269,7 +274,8 @@ impl FlightController {
         if self.arming.is_failsafe() {
             // Landing blindly: level, at the throttle of the failsafe configuration.
             let low = f64::from(min_check_us);
-            let lift = (f64::from(self.settings.failsafe.throttle_us) - low) / (2000.0 - low);
+            let range = (2000.0 - low).max(1.0);
+            let lift = (f64::from(self.settings.failsafe.throttle_us) - low) / range;
             command.sticks = [0.0, 0.0, 0.0, lift.clamp(0.0, 1.0)];
             command.angle_mode = true;
         }

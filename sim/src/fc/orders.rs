@@ -1,7 +1,8 @@
 //! Everything that sets or starts something, and batches of questions.
 
 use super::FlightController;
-use super::manner::{Batch, MULTIWII_SET_BOX};
+use super::manner::{Batch, MULTIWII_SET_BOX, SET_RXFAIL_CONFIG};
+use super::receiver::WithoutSignal;
 use crate::quad::Quad;
 use arrayvec::ArrayVec;
 use msp::command;
@@ -94,6 +95,7 @@ impl FlightController {
             command::SET_RX_MAP => self.set_rx_map(request),
             command::SET_FAILSAFE_CONFIG => self.set_failsafe(request),
             command::SET_NAME => self.set_name(request),
+            SET_RXFAIL_CONFIG => self.set_rxfail(request),
             MULTIWII_SET_BOX => self.set_switches(request),
             // Saving stops a real controller for a moment; it refuses while armed.
             command::EEPROM_WRITE => {
@@ -219,6 +221,22 @@ impl FlightController {
         keep_rest(&mut config.rest, &self.settings.failsafe.rest);
         self.settings.failsafe = config;
         true
+    }
+
+    /// Channel u8, mode u8, value u16.
+    fn set_rxfail(&mut self, request: &Request) -> bool {
+        let [channel, mode, low, high] = *request.payload.as_slice() else {
+            return false;
+        };
+        let then = WithoutSignal::parse(mode, u16::from_le_bytes([low, high]));
+        let slots = &mut self.settings.without_signal;
+        match (slots.get_mut(usize::from(channel)), then) {
+            (Some(slot), Some(then)) => {
+                *slot = then;
+                true
+            }
+            _ => false,
+        }
     }
 
     fn set_name(&mut self, request: &Request) -> bool {

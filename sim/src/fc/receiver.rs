@@ -25,6 +25,49 @@ pub(super) const AETR: [usize; 4] = [0, 1, 3, 2];
 /// MultiWii's order.
 pub(super) const RPYT: [usize; 4] = [0, 1, 2, 3];
 
+/// Channels of RXFAIL_CONFIG.
+pub(super) const RXFAIL_CHANNELS: usize = 18;
+
+/// What a channel does once its signal has been away for the hold time (`rxfail`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum WithoutSignal {
+    /// Sticks centre, throttle drops. Channels beyond the sticks hold instead.
+    Auto,
+    /// Keeps the last value.
+    Hold,
+    /// Takes this value, us.
+    Set(u16),
+}
+
+impl WithoutSignal {
+    /// Sticks `Auto`, switches `Hold`.
+    pub(super) const fn as_delivered(channel: usize) -> Self {
+        if channel < 4 { Self::Auto } else { Self::Hold }
+    }
+
+    /// Three bytes of RXFAIL_CONFIG.
+    pub(super) fn emit(self, channel: usize, out: &mut Vec<u8>) {
+        let (mode, us) = match self {
+            Self::Auto if channel == 3 => (0, NO_SIGNAL_THROTTLE_US),
+            Self::Auto => (0, 1500),
+            Self::Hold => (1, 1500),
+            Self::Set(us) => (2, us),
+        };
+        out.push(mode);
+        out.extend_from_slice(&us.to_le_bytes());
+    }
+
+    /// From mode and value; none if the firmware refuses them.
+    pub(super) fn parse(mode: u8, us: u16) -> Option<Self> {
+        match mode {
+            0 => Some(Self::Auto),
+            1 => Some(Self::Hold),
+            2 if (750..=2250).contains(&us) => Some(Self::Set(us)),
+            _ => None,
+        }
+    }
+}
+
 /// What the pilot's transmitter sends: pulse widths, us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Radio {
@@ -101,10 +144,21 @@ impl Feed {
     }
 
     /// With old sticks let go.
-    fn channels_us(&self, now: Timestamp, hold: Duration) -> [u16; CHANNELS] {
+    fn channels_us(
+        &self,
+        now: Timestamp,
+        hold: Duration,
+        then: &[WithoutSignal; RXFAIL_CHANNELS],
+    ) -> [u16; CHANNELS] {
         let mut channels_us = self.channels_us;
         if self.silence(now) > hold {
-            channels_us[..4].copy_from_slice(&NO_SIGNAL_US);
+            for (channel, (us, then)) in channels_us.iter_mut().zip(then).enumerate() {
+                match then {
+                    WithoutSignal::Auto => *us = NO_SIGNAL_US.get(channel).copied().unwrap_or(*us),
+                    WithoutSignal::Hold => {}
+                    WithoutSignal::Set(value) => *us = *value,
+                }
+            }
         }
         channels_us
     }
@@ -113,6 +167,19 @@ impl Feed {
         let steady = now.since(self.steady_since) >= rules.recovery || !self.recovering;
         self.silence(now) <= rules.flag_after && steady
     }
+}
+
+/// How the two ways are mixed now.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Mixing<'a> {
+    /// Channels that MSP may override, bit i = channel i.
+    pub(super) mask: u32,
+    /// The override box is on.
+    pub(super) box_on: bool,
+    /// The channel that selects it.
+    pub(super) switch: Option<usize>,
+    /// What each channel does without a signal.
+    pub(super) without_signal: &'a [WithoutSignal; RXFAIL_CHANNELS],
 }
 
 /// Both ways, and what comes out of them.
@@ -159,20 +226,13 @@ impl Receiver {
         });
     }
 
-    /// Called often: lets old sticks go and mixes the two ways. `mask` holds the channels that MSP may override (bit i =
-    /// channel i), `box_on` whether the override box is on, `switch` the channel that selects it.
-    pub(super) fn update(
-        &mut self,
-        now: Timestamp,
-        mask: u32,
-        box_on: bool,
-        switch: Option<usize>,
-    ) {
+    /// Called often: lets old sticks go and mixes the two ways.
+    pub(super) fn update(&mut self, now: Timestamp, rules: &Mixing<'_>) {
         let main = match self.source {
             Source::Msp => &self.msp,
             Source::Radio => &self.radio,
         };
-        self.channels_us = main.channels_us(now, self.rules.hold);
+        self.channels_us = main.channels_us(now, self.rules.hold, rules.without_signal);
         if self.source == Source::Msp {
             return;
         }
@@ -180,9 +240,9 @@ impl Receiver {
             Override::ByBox {
                 fresh_for,
                 keeps_switch,
-            } if box_on => {
-                let kept = switch.filter(|_| keeps_switch).map_or(0, |i| 1 << i);
-                (mask & !kept, fresh_for)
+            } if rules.box_on => {
+                let kept = rules.switch.filter(|i| keeps_switch && *i < 32);
+                (rules.mask & !kept.map_or(0, |i| 1 << i), fresh_for)
             }
             // What it did not send stays the pilot's.
             Override::Always { fresh_for } => (self.msp.valid as u32, Some(fresh_for)),
@@ -252,6 +312,24 @@ mod tests {
         Timestamp::from_ms(ms)
     }
 
+    fn mixing(mask: u32, box_on: bool, switch: Option<usize>) -> Mixing<'static> {
+        static AS_DELIVERED: [WithoutSignal; RXFAIL_CHANNELS] = {
+            let mut all = [WithoutSignal::Hold; RXFAIL_CHANNELS];
+            let mut i = 0;
+            while i < 4 {
+                all[i] = WithoutSignal::Auto;
+                i += 1;
+            }
+            all
+        };
+        Mixing {
+            mask,
+            box_on,
+            switch,
+            without_signal: &AS_DELIVERED,
+        }
+    }
+
     fn receiver(manner: Manner, source: Source) -> Receiver {
         let table = manner.table();
         Receiver::new(&table.receiver, table.beside_radio, source)
@@ -265,10 +343,10 @@ mod tests {
     fn channels_are_sorted_from_aetr_and_those_not_sent_keep_or_centre() {
         let mut rx = by_msp();
         rx.take(ms(0), &FRAME, AETR);
-        rx.update(ms(0), 0, false, None);
+        rx.update(ms(0), &mixing(0, false, None));
         assert_eq!(rx.channels_us()[..6], [1600, 1400, 1550, 1300, 2000, 1500]);
         rx.take(ms(10), &[1600, 0, 3000], AETR);
-        rx.update(ms(10), 0, false, None);
+        rx.update(ms(10), &mixing(0, false, None));
         assert_eq!(rx.channels_us()[..5], [1600, 1500, 1500, 885, 2000]);
     }
 
@@ -278,9 +356,9 @@ mod tests {
         assert!(!rx.is_ok(ms(0)), "never heard");
         rx.take(ms(1000), &FRAME, AETR);
         assert!(rx.is_ok(ms(1150)) && !rx.is_ok(ms(1151)));
-        rx.update(ms(1300), 0, false, None);
+        rx.update(ms(1300), &mixing(0, false, None));
         assert_eq!(rx.channels_us()[3], 1300, "holds for 0.30 s");
-        rx.update(ms(1301), 0, false, None);
+        rx.update(ms(1301), &mixing(0, false, None));
         assert_eq!(rx.channels_us()[..5], [1500, 1500, 1500, 885, 2000]);
         assert!(!rx.is_lost(ms(2500), DELAY) && rx.is_lost(ms(2501), DELAY));
     }
@@ -317,7 +395,7 @@ mod tests {
             aux_us: [1200; 8],
         };
         rx.hear(now, &radio);
-        rx.update(now, mask, box_on, Some(4));
+        rx.update(now, &mixing(mask, box_on, Some(4)));
         (rx.channels_us()[0], rx.channels_us()[4])
     }
 

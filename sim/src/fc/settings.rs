@@ -12,6 +12,7 @@
 
 use super::FcConfig;
 use super::manner::{ReceiverChoice, Table};
+use super::receiver::{RXFAIL_CHANNELS, WithoutSignal};
 use arrayvec::ArrayVec;
 use msp::LongText;
 use msp::firmware::box_id;
@@ -89,6 +90,8 @@ pub(super) struct Settings {
     pub(super) rc_order: [usize; 4],
     pub(super) rx: RxConfig,
     pub(super) failsafe: FailsafeConfig,
+    /// What each channel does without a signal.
+    pub(super) without_signal: [WithoutSignal; RXFAIL_CHANNELS],
     /// Commands that the serial task handles a second.
     pub(super) serial_rate_hz: u32,
     /// Channels that MSP may take beside a radio.
@@ -134,6 +137,7 @@ impl Settings {
         }
         let (delay_ds, landing_time, throttle_us, procedure) = rules.failsafe;
         Self {
+            without_signal: core::array::from_fn(WithoutSignal::as_delivered),
             serial_rate_hz: config.serial_rate_hz,
             override_mask: match delivery {
                 Delivery::Factory => 0,

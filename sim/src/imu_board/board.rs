@@ -8,6 +8,8 @@ use embedded_hal::i2c::I2c;
 
 /// Sampling period, us.
 pub const PERIOD_US: u64 = 10_000;
+/// Frames that are held back at most until the barometer has measured: a start with zeros would be a wrong reference for the host.
+const PATIENCE: u8 = 5;
 /// Frames between two readings of the magnetometer.
 const MAG_EVERY: u8 = 7;
 /// Bytes that wait for the transmitter: two of the longest lines.
@@ -51,6 +53,7 @@ pub struct Board {
     sample: Sample,
     barometer: Barometer,
     until_mag: u8,
+    held_back: u8,
     is_odd: bool,
     queue: ArrayVec<u8, QUEUE>,
     sent: usize,
@@ -69,6 +72,7 @@ impl Board {
             sample: Sample::default(),
             barometer: Barometer::default(),
             until_mag: 0,
+            held_back: 0,
             is_odd: false,
             queue: ArrayVec::new(),
             sent: 0,
@@ -106,7 +110,11 @@ impl Board {
                 let since = last_us.map_or(PERIOD_US, |last| now_us - last);
                 self.sample.since_previous_us = u32::try_from(since).unwrap_or(u32::MAX);
                 self.measure(now_us, bus);
-                self.send_frame();
+                if self.barometer.pressure_pa == 0 && self.held_back < PATIENCE {
+                    self.held_back += 1;
+                } else {
+                    self.send_frame();
+                }
                 true
             }
         }

@@ -10,7 +10,7 @@ use mavlink_dialect::standard::{
     BATTERY_STATUS_DATA, CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA, FLIGHT_INFORMATION_DATA,
     MISSION_CURRENT_DATA, MavBatteryChargeState, MavBatteryFault, MavBatteryFunction,
     MavLandedState, MavMessage, MavStandardMode, MavSysStatusSensor, MavSysStatusSensorExtended,
-    MissionState, RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    MissionState, NAMED_VALUE_FLOAT_DATA, RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 use vehicle::{BatterySample, Timestamp};
 
@@ -24,9 +24,12 @@ pub(super) fn sys_status(v: &View<'_>, out: &mut Vec<Message>) {
     let flow_ok = s.flow.is_some_and(|f| f.quality > 0);
     let down_ok = s.down_range.is_some_and(|r| r.distance_m.is_some());
     // A controller that still calibrates its gyro will not arm: stations that wait for health wait for that.
-    let calibrates =
-        s.fc.block
-            .is_some_and(|b| matches!(&*b.0, "BOOT_GRACE_TIME" | "CALIBRATING"));
+    let calibrates = s.fc.blocks.blockers().any(|b| {
+        matches!(
+            b.name,
+            "BOOT_GRACE_TIME" | "CALIBRATING" | "SENSORS_CALIBRATING"
+        )
+    });
     let imu_ok = health.attitude && s.fc.is_connected && !calibrates;
     // Bit, present, healthy.
     let table = [
@@ -317,6 +320,35 @@ pub(super) fn rc_channels(v: &View<'_>, out: &mut Vec<Message>) {
         })
         .into(),
     );
+}
+
+/// How punctual the flight loop is, us: age of the attitude at each RC frame, and our own share of it.
+pub(super) fn timing(v: &View<'_>, out: &mut Vec<Message>) {
+    let timing = v.snapshot.flight_loop;
+    let (whole, own) = (timing.sample_to_command, timing.reply_to_command);
+    let mut push = |name: &str, value: u64| {
+        let mut field = [0u8; 10];
+        field[..name.len()].copy_from_slice(name.as_bytes());
+        out.push(
+            MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
+                time_boot_ms: v.snapshot.at.boot_ms(),
+                value: value as f32,
+                name: field.into(),
+            })
+            .into(),
+        );
+    };
+    if whole.count > 0 {
+        push("cmd_p50_us", whole.p50_us);
+        push("cmd_p99_us", whole.p99_us);
+        push("cmd_max_us", whole.max_us);
+        push("missed", timing.missed);
+    }
+    if own.count > 0 {
+        push("own_p50_us", own.p50_us);
+        push("own_p99_us", own.p99_us);
+        push("own_max_us", own.max_us);
+    }
 }
 
 pub(super) fn flight_information(v: &View<'_>, out: &mut Vec<Message>) {

@@ -71,6 +71,7 @@ pub(super) const TABLE: &[Row] = &[
     row(230, 1.0, pose::estimator_status),
     row(HOME_POSITION, 0.5, pose::home_position),
     row(EXTENDED_SYS_STATE, 1.0, status::extended_sys_state),
+    row(251, 0.2, status::timing),
     row(264, 0.0, status::flight_information),
     row(300, 0.0, identity::protocol_version),
     row(330, 5.0, ranges::obstacle_distance),

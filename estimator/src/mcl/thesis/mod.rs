@@ -365,7 +365,7 @@ impl ThesisLocator {
         }
         p.equalise();
         // The heaviest bin is looked at so that a pose nobody shares is not taken for one that many do.
-        cluster::heaviest(p, &mut self.bins).map(|_| pose)
+        cluster::heaviest(p, Some(&pose), &mut self.bins).map(|_| pose)
     }
 }
 

@@ -119,7 +119,7 @@ fn fixes_once_a_second_hold_the_position_that_drifts_without_them() {
             input.fix = (has_fix && k % 100 == 0).then(Vector3::zeros);
             f.step(DT, &hover(), &input).unwrap();
             if k > 3000 {
-                worst = worst.max(f.state()[POSITION].hypot(f.state()[POSITION + 1]));
+                worst = worst.max(libm::hypot(f.state()[POSITION], f.state()[POSITION + 1]));
             }
         }
         worst

@@ -17,7 +17,7 @@ const fn ms(ms: u64) -> Duration {
 // ---- Betaflight -----------------------------------------------------------------------------------------------------
 
 /// Questions that every Betaflight answers.
-const BETAFLIGHT_QUESTIONS: [u16; 26] = [
+const BETAFLIGHT_QUESTIONS: [u16; 27] = [
     c::API_VERSION,
     c::FC_VARIANT,
     c::FC_VERSION,
@@ -31,6 +31,7 @@ const BETAFLIGHT_QUESTIONS: [u16; 26] = [
     c::SONAR_ALTITUDE,
     c::RX_MAP,
     c::FAILSAFE_CONFIG,
+    RXFAIL_CONFIG,
     c::STATUS,
     c::RAW_IMU,
     c::MOTOR,
@@ -45,8 +46,8 @@ const BETAFLIGHT_QUESTIONS: [u16; 26] = [
     c::STATUS_EX,
     c::UID,
 ];
-const BETAFLIGHT_NEW_QUESTIONS: [u16; 27] = {
-    let mut all = [c::ATTITUDE_QUATERNION; 27];
+const BETAFLIGHT_NEW_QUESTIONS: [u16; 28] = {
+    let mut all = [c::ATTITUDE_QUATERNION; 28];
     let mut i = 0;
     while i < BETAFLIGHT_QUESTIONS.len() {
         all[i] = BETAFLIGHT_QUESTIONS[i];
@@ -61,6 +62,7 @@ const BETAFLIGHT_ORDERS: &[u16] = &[
     c::SET_RX_CONFIG,
     c::SET_RX_MAP,
     c::SET_FAILSAFE_CONFIG,
+    SET_RXFAIL_CONFIG,
     c::SET_ARMING_DISABLED,
     c::SET_RAW_RC,
     c::SET_MOTOR,
@@ -544,3 +546,7 @@ pub(super) const MULTIWII: Table = Table {
 pub(in crate::fc) const MULTIWII_BOX: u16 = 113;
 /// MSP_SET_BOX.
 pub(in crate::fc) const MULTIWII_SET_BOX: u16 = 203;
+/// MSP_RXFAIL_CONFIG of Betaflight: mode u8 (0 auto, 1 hold, 2 set) and value u16 for each channel.
+pub(in crate::fc) const RXFAIL_CONFIG: u16 = 77;
+/// MSP_SET_RXFAIL_CONFIG: channel u8, mode u8, value u16.
+pub(in crate::fc) const SET_RXFAIL_CONFIG: u16 = 78;

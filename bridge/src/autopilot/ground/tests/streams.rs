@@ -198,3 +198,102 @@ fn ids_of_the_messages_here_are_the_dialects() {
     assert_eq!(standard::OBSTACLE_DISTANCE_DATA::ID, 330);
     assert_eq!(standard::MISSION_CURRENT_DATA::ID, 42);
 }
+
+/// What the flight controller says of its battery and receiver, through converter, snapshot and telemetry, in its own units.
+#[test]
+fn battery_current_charge_and_signal_of_the_controller_reach_the_ground_unchanged() {
+    use crate::fc::convert::Convert;
+    use msp::firmware::Firmware;
+    use msp::message::BatteryState;
+    let convert = Convert::new(Firmware::Betaflight);
+    let mut bench = Bench::with_link();
+    let cases = (0..400u16).map(|i| (300 + i * 7, i * 81, i * 163, i * 13));
+    for (vbat_cv, current_ca, drawn_mah, rssi) in cases {
+        let current_ca = current_ca.cast_signed().max(0);
+        let reply = BatteryState {
+            cells: 4,
+            capacity_mah: 0,
+            vbat_dv: 0,
+            drawn_mah,
+            current_ca,
+            state: Some(0),
+            vbat_cv: Some(vbat_cv),
+        };
+        bench.heard.clear();
+        bench.show(|s| {
+            s.battery = Some(convert.battery(Timestamp::ZERO, &reply));
+            s.fc.rssi = Some(convert.rssi(rssi));
+            s.rc_us = [1500; 8].into_iter().collect();
+        });
+        for id in [1.0, 65.0, 147.0] {
+            bench.command(512, id, 0.0);
+        }
+        let mut seen = 0;
+        for frame in bench.on(A) {
+            match &frame.message {
+                Message::Standard(Std::SYS_STATUS(m)) => {
+                    seen |= 1;
+                    assert_eq!(m.voltage_battery, vbat_cv * 10);
+                    assert_eq!(m.current_battery, current_ca);
+                }
+                Message::Standard(Std::BATTERY_STATUS(m)) => {
+                    seen |= 2;
+                    let sum: u32 = m.voltages[..4].iter().map(|v| u32::from(*v)).sum();
+                    assert!(
+                        sum.abs_diff(u32::from(vbat_cv) * 10) <= 2,
+                        "{sum} {vbat_cv}"
+                    );
+                    assert_eq!(m.current_battery, current_ca);
+                    assert_eq!(m.current_consumed, i32::from(drawn_mah));
+                }
+                Message::Standard(Std::RC_CHANNELS(m)) => {
+                    seen |= 4;
+                    // 0..=1023 of MSP on MAVLink's 0..=254.
+                    let expected = u32::from(rssi).min(1023) * 254 / 1023;
+                    assert_eq!(u32::from(m.rssi), expected);
+                }
+                _ => {}
+            }
+        }
+        assert_eq!(seen, 7);
+    }
+}
+
+#[test]
+fn a_blocked_arm_says_why_in_words_and_bits() {
+    use crate::autopilot::door::FcBlocks;
+    let mut bench = Bench::with_link();
+    bench.command(400, 1.0, 0.0);
+    let asked = bench.requests.pop().expect("asked of the vehicle");
+    let blocks = FcBlocks {
+        variant: *b"INAV",
+        count: 32,
+        flags: 1 << 19 | 1 << 8,
+    };
+    let now = bench.now;
+    bench.ground.answer(
+        now,
+        &Answer {
+            id: asked.id,
+            station: asked.station,
+            outcome: Outcome::Refused(Refusal::FcBlocks(blocks)),
+        },
+    );
+    bench.collect();
+    let acks: Vec<(u8, i32)> = bench
+        .on(A)
+        .filter_map(|f| match &f.message {
+            Message::Raw(Raw::COMMAND_ACK(a)) if a.command == 400 => {
+                Some((a.result, a.result_param2))
+            }
+            _ => None,
+        })
+        .collect();
+    assert_eq!(acks.last(), Some(&(1, 1 << 19 | 1 << 8)));
+    let told: Vec<&str> = bench.ground.texts().map(|t| t.text.as_str()).collect();
+    assert!(
+        told.iter()
+            .any(|t| t.contains("NOT_LEVEL") && t.contains("THROTTLE")),
+        "{told:?}"
+    );
+}

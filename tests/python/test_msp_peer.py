@@ -1,0 +1,156 @@
+"""Row 7: YAMSPy, a real client library of flight controllers, against our MSP server; its CPU beside that of our client."""
+
+import os
+import pty
+import re
+import resource
+import select
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+
+import kestrel_harness
+from kestrel_harness import out_folder
+
+# Round trips of each client, and what each asks in turn.
+ROUNDS = 150
+# 250 requests of it are warm-up enough: both clients identify the controller before they are measured.
+QUESTIONS = ("MSP_ATTITUDE", "MSP_ANALOG", "MSP_RC")
+
+# The peer, in a process of its own so that its CPU is its own. It prints what it read and what it used.
+PEER = """
+import json, resource, sys, time
+from yamspy import MSPy
+device, rounds = sys.argv[1], int(sys.argv[2])
+# The log level is the quietest: what it writes down is not what we measure.
+with MSPy(device=device, loglevel="CRITICAL", logfilename="yamspy.log", baudrate=115200) as board:
+    assert board != 1, "YAMSPy found no flight controller"
+    for name in ("MSP_API_VERSION", "MSP_FC_VARIANT", "MSP_FC_VERSION"):
+        assert board.send_RAW_msg(MSPy.MSPCodes[name], data=[])
+        board.process_recv_data(board.receive_msg())
+    took = []
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    for _ in range(rounds):
+        for name in %r:
+            start = time.perf_counter()
+            assert board.send_RAW_msg(MSPy.MSPCodes[name], data=[])
+            board.process_recv_data(board.receive_msg())
+            took.append(time.perf_counter() - start)
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    took.sort()
+    print(json.dumps({
+        "api": board.CONFIG["apiVersion"], "variant": board.CONFIG["flightControllerIdentifier"],
+        "version": board.CONFIG["flightControllerVersion"],
+        "attitude": board.SENSOR_DATA["kinematics"], "analog": board.ANALOG, "rc": board.RC["channels"],
+        "requests": len(took), "p50_ms": 1e3 * took[len(took) // 2], "p99_ms": 1e3 * took[len(took) * 99 // 100],
+        "cpu_us": 1e6 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / len(took),
+    }))
+""" % (QUESTIONS,)
+
+
+class Server:
+    """`kestrel msp serve` on a free port."""
+
+    def __init__(self, *arguments):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.url = f"tcpclient://127.0.0.1:{self.port}"
+        command = [kestrel_harness.binary(), "msp", "serve", f"tcpserver://127.0.0.1:{self.port}", *arguments]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        said = self.process.stdout.readline()
+        assert "flight controller on" in said, said
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+class Cable:
+    """A pseudo terminal whose other end is the server's TCP port: YAMSPy speaks to serial ports only."""
+
+    def __init__(self, port):
+        self.ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        self.device = os.ttyname(theirs)
+        self.theirs = theirs
+        self.socket = socket.create_connection(("127.0.0.1", port))
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.is_open = True
+        self.thread = threading.Thread(target=self.carry, daemon=True)
+        self.thread.start()
+
+    def carry(self):
+        while self.is_open:
+            for ready in select.select([self.ours, self.socket], [], [], 0.1)[0]:
+                if ready is self.socket:
+                    os.write(self.ours, self.socket.recv(4096))
+                else:
+                    self.socket.sendall(os.read(self.ours, 4096))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.is_open = False
+        self.thread.join()
+        self.socket.close()
+        os.close(self.ours)
+        os.close(self.theirs)
+
+
+def ask_with_ours(url):
+    """Our client through the same questions: its last words and its CPU per request in microseconds."""
+    command = [kestrel_harness.binary(), "msp", "ask", url, *QUESTIONS]
+    # What the start of a program costs is measured by itself and taken away.
+    cpu, said = [], ""
+    for rounds in (1, ROUNDS):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run([*command, "--count", str(rounds)], capture_output=True, text=True, timeout=60)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        assert done.returncode == 0, done.stderr
+        cpu.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        said = done.stderr.strip()
+    return said, 1e6 * (cpu[1] - cpu[0]) / ((ROUNDS - 1) * len(QUESTIONS))
+
+
+def test_yamspy_reads_our_controller_and_our_client_needs_a_quarter_of_its_cpu():
+    """Row 7: version, attitude, analog, RC; round trips; CPU per request <= 1/4 of YAMSPy's."""
+    import json
+
+    with Server("--serial-rate", "1000", "--baud", "1000000") as server:
+        with Cable(server.port) as cable:
+            done = subprocess.run(
+                [sys.executable, "-c", PEER, cable.device, str(ROUNDS)],
+                capture_output=True,
+                text=True,
+                timeout=120,
+                cwd=out_folder(),
+            )
+        assert done.returncode == 0, f"YAMSPy failed:\n{done.stdout[-500:]}\n{done.stderr[-3000:]}"
+        theirs = json.loads(done.stdout.strip().splitlines()[-1])
+        time.sleep(0.2)  # the server takes the next client when it has seen this one go
+        ours_said, ours_cpu_us = ask_with_ours(server.url)
+    assert theirs["variant"] == "BTFL" and theirs["version"] == "4.6.0", theirs
+    assert theirs["api"].startswith("1.47"), theirs
+    roll, pitch, yaw = theirs["attitude"]
+    assert abs(roll) < 2 and abs(pitch) < 2 and 0 <= yaw < 360, f"standing level: {theirs['attitude']}"
+    assert 10 < theirs["analog"]["voltage"] < 17, theirs["analog"]
+    assert len(theirs["rc"]) >= 8 and all(0 <= us <= 2200 for us in theirs["rc"]), theirs["rc"]
+    figures = re.search(r"round trip p50 (\d+) us, p99 (\d+) us", ours_said)
+    assert figures, ours_said
+    p50, p99 = (int(value) / 1e3 for value in figures.groups())
+    part = ours_cpu_us / theirs["cpu_us"]
+    text = (
+        f"round trip p50/p99 ms: ours {p50:.2f}/{p99:.2f}, YAMSPy {theirs['p50_ms']:.2f}/{theirs['p99_ms']:.2f}; "
+        f"CPU per request us: ours {ours_cpu_us:.0f}, YAMSPy {theirs['cpu_us']:.0f} ({part:.2f} of it)"
+    )
+    assert part <= 0.25, text
+    return text
