@@ -24,6 +24,8 @@ const GROUP_WIDTH_M: f64 = 0.8;
 const GATE_M: f64 = 0.6;
 /// A track that is not seen is kept this long, s.
 const COAST_S: f64 = 2.0;
+/// Seen well so lately, somebody is where they are believed to be, s.
+const IN_SIGHT_S: f64 = 0.5;
 /// Rays through its place that often prove that nobody is there.
 const SEEN_THROUGH_MAX: u8 = 3;
 /// Random acceleration of people, m/s2 per sqrt(Hz).
@@ -122,6 +124,8 @@ pub struct Track {
     first_seen: Timestamp,
     first_place: Vector2<f64>,
     last_seen: Timestamp,
+    /// When enough of the outline was seen to be a person.
+    last_seen_well: Timestamp,
     /// The last scans that looked there, newest in the lowest bit: seen well or not.
     history: u8,
     needed: u32,
@@ -143,6 +147,7 @@ impl Track {
             first_seen: at,
             first_place: centre,
             last_seen: at,
+            last_seen_well: at,
             history: 0,
             needed,
             is_wide,
@@ -177,6 +182,12 @@ impl Track {
         now.seconds_since(self.first_seen) < seconds
     }
 
+    /// Seen well not long ago: worth looking at. Where somebody is believed to be but is not seen, nobody may be.
+    #[must_use]
+    pub fn is_in_sight(&self, now: Timestamp) -> bool {
+        now.seconds_since(self.last_seen_well) < IN_SIGHT_S
+    }
+
     /// Has been moving at some time: a person, even while standing.
     #[must_use]
     pub const fn has_walked(&self) -> bool {
@@ -197,14 +208,21 @@ impl Track {
     }
 
     /// A scan has looked there.
-    fn note(&mut self, seen_well: bool) {
+    fn note(&mut self, at: Timestamp, seen_well: bool) {
+        if seen_well {
+            self.last_seen_well = at;
+        }
         self.history = self.history << 1 | u8::from(seen_well);
         let often = (self.history & RECENT).count_ones() >= self.needed;
         self.is_confirmed |= often && self.velocity.norm() <= FASTEST_MPS;
     }
 
     fn lasts(&self, at: Timestamp) -> bool {
-        let unseen_s = at.seconds_since(self.last_seen);
+        let unseen_s = at.seconds_since(if self.is_confirmed {
+            self.last_seen_well
+        } else {
+            self.last_seen
+        });
         let for_s = if self.is_confirmed {
             COAST_S
         } else if self.is_wide {
@@ -359,8 +377,9 @@ impl Tracker {
                 updated[i] = true;
                 let was_confirmed = track.is_confirmed;
                 (track.last_seen, track.seen_through) = (at, 0);
-                track.note(is_strong);
+                track.note(at, is_strong);
                 track.has_walked |= track.is_confirmed
+                    && is_strong
                     && (track.is_moving()
                         || (track.position - track.first_place).norm() > WALKED_M);
                 if track.is_moving() || track.is_confirmed != was_confirmed {
@@ -371,7 +390,7 @@ impl Tracker {
         for (t, updated) in self.tracks.iter_mut().zip(updated) {
             if !updated && rays.iter().any(|r| passes_through(r, t.position)) {
                 t.seen_through += 1;
-                t.note(false);
+                t.note(at, false);
                 continue;
             }
             // The rays of a scan share their error: the clearest one speaks for all.

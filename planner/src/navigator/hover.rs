@@ -90,6 +90,7 @@ impl Navigator {
             .tracker
             .tracks()
             .iter()
+            .filter(|t| t.is_in_sight(now))
             .filter(|t| t.has_walked() || (t.is_confirmed() && t.is_newer_than(now, NEW_S)))
             .map(|t| t.position_at(now + LOOK_LEAD) - xy(here))
             .filter(|d| d.norm() < LOOK_M)

@@ -162,7 +162,7 @@ impl Navigator {
                 from: Vector2::new(from.x(), from.y()),
                 to: Vector2::new(to.x(), to.y()),
                 unexplained: look.is_return && !explained,
-                open_m: self.open_m(from, to),
+                open_m: self.surely_open_m(from, to, doubt.bearing_rad + beam.half_cone_rad),
                 half_cone_rad: beam.half_cone_rad,
             });
         }
@@ -209,6 +209,19 @@ impl Navigator {
             .iter()
             .any(|k| at_angle(k * reach_rad))
             || self.open_m(from, to) < range_m
+    }
+
+    /// The same for every direction within a reach (rad) of it: beside a corner the wall that was hit may be the near one.
+    fn surely_open_m(&self, from: In<Map>, towards: In<Map>, reach_rad: f64) -> f64 {
+        let (dx, dy) = (towards.x() - from.x(), towards.y() - from.y());
+        [-1.0, 0.0, 1.0]
+            .iter()
+            .map(|k| {
+                let (s, c) = (libm::sin(k * reach_rad), libm::cos(k * reach_rad));
+                let p = In::new(from.x() + dx * c - dy * s, from.y() + dx * s + dy * c, 0.0);
+                self.open_m(from, p)
+            })
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// How far the plan leaves the way open from a point in the direction of another, m.
