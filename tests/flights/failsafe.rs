@@ -7,8 +7,8 @@
 )]
 
 use bridge::autopilot::mode::{Because, Mode};
-use flight_tests::Scenario;
-use sim::Fault;
+use flight_tests::{Scenario, modes};
+use sim::{Delivery, Fault};
 use std::time::Duration;
 
 #[test]
@@ -184,5 +184,28 @@ fn a_program_frozen_for_a_fifth_of_a_second_flies_on_and_for_longer_falls_as_the
         if falls {
             f.until_down(20.0);
         }
+    }
+}
+
+#[test]
+fn a_provisioned_controller_keeps_a_frozen_program_in_the_air_until_its_second_stage() {
+    for (ms, falls) in [(200, false), (600, false), (1_200, false), (2_500, true)] {
+        let mut f = Scenario::office().delivery(Delivery::Provisioned).start();
+        f.take_off(1.0);
+        f.wait_s(3.0);
+        f.world.freeze(Duration::from_millis(ms));
+        f.wait_s(ms as f64 / 1000.0 + 0.1);
+        let height_m = -f.truth().position.z();
+        println!(
+            "frozen {ms} ms, throttle holds: {height_m:.2} m high afterwards, armed {}, {:?}",
+            f.truth().armed,
+            f.snapshot().mode
+        );
+        f.assert((height_m < 0.6) == falls, &format!("{height_m:.2} m"));
+        f.assert(f.truth().armed != falls, "motors");
+        if f.snapshot().is_armed && f.snapshot().mode.mode == Mode::Hold {
+            assert_eq!(f.set_mode(modes::LAND), 0);
+        }
+        f.until_down(20.0);
     }
 }

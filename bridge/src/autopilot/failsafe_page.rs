@@ -31,10 +31,12 @@ The flight controller needs an RC frame every 0.15 s. What keeps them coming, an
 | 0.1 s to 1.5 s | the flight loop | the keeper, a thread of its own, sends sticks level and 95 % of the hover throttle 25 times a second: the vehicle sinks slowly. From 0.3 s on the first tick that runs again lands |
 | longer than 1.5 s | the flight loop | the keeper falls silent on purpose: the flight controller's own failsafe decides (below) |
 | up to 0.3 s | the whole program (stopped process, stalled host) | Betaflight holds the last sticks: flying goes on |
-| longer than 0.3 s | the whole program | Betaflight idles the motors 0.30 s after the last frame: **the vehicle falls**. If the program comes back in the air it lands. From 1 m a stop of 0.6 s ends on the floor |
+| longer than 0.3 s | the whole program, Betaflight provisioned by `kestrel fc provision` | sticks centre and the throttle holds until stage 2 (1.5 s, then the motors stop): it stays up; when the program comes back it lands |
+| longer than 0.3 s | the whole program, Betaflight as delivered | the motors idle 0.30 s after the last frame: **the vehicle falls**. If the program comes back in the air it lands. From 1 m a stop of 0.6 s ends on the floor |
 
 Measured in the simulator (hover at 1 m, `tests/flights/failsafe.rs`): flight loop held 0.20 s: flies on in the same mode; held 0.60 s:
-sinks by up to 0.3 m, then lands; program frozen 0.20 s: flies on; frozen 0.60 s: falls.
+sinks by up to 0.3 m, then lands; program frozen 0.20 s: flies on; frozen 0.60 s: falls as delivered; provisioned it stays up, frozen
+1.2 s too, and falls when frozen 2.5 s.
 
 A reply that lay in the kernel meanwhile is dated back to when it was asked for, so the estimate does not take an old attitude for a new one.
 

@@ -61,6 +61,9 @@ pub(crate) struct FlyArgs {
     /// Set a parameter: NAME=VALUE (repeatable).
     #[arg(long = "param", value_name = "NAME=VALUE")]
     params: Vec<String>,
+    /// Wait for a flight controller that is not there or does not answer yet, as a service started at boot must.
+    #[arg(long)]
+    wait: bool,
     /// No status line.
     #[arg(long)]
     headless: bool,
@@ -168,6 +171,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         stop,
         fc,
         shows_status: !args.headless,
+        waits: args.wait,
     }
     .run()
 }
@@ -195,6 +199,8 @@ struct GroundLoop {
     stop: Stop,
     fc: Endpoint,
     shows_status: bool,
+    /// A controller that has never answered is waited for.
+    waits: bool,
 }
 
 impl GroundLoop {
@@ -206,6 +212,7 @@ impl GroundLoop {
         let mut seen_tick = 0;
         // Open, and whether it answers is not known yet.
         let mut is_open = false;
+        let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
         loop {
@@ -237,6 +244,11 @@ impl GroundLoop {
                     News::Answer(answer) => self.ground.answer(now, &answer),
                     News::Event(event) => self.ground.event(now, &event),
                     News::Realtime(granted) => self.terminal.line(&format!("  {granted}")),
+                    // Whoever mistyped a device wants to know it now; one that was there comes back.
+                    News::LineAbsent(why) if !was_connected && !self.waits => {
+                        self.terminal.finish();
+                        return Err(anyhow!("{why} (--wait waits for it)"));
+                    }
                     News::LineAbsent(why) => self
                         .terminal
                         .line(&format!("  {why}; trying again until it is there")),
@@ -261,13 +273,18 @@ impl GroundLoop {
                 self.terminal.status(&snapshot, known.len());
             }
             if snapshot.fc.is_connected {
-                is_open = false;
+                (is_open, was_connected) = (false, true);
             } else if is_open && now.since(opened_at) > FIRST_ANSWER {
                 is_open = false;
-                self.terminal.line(&format!(
-                    "  flight controller {} does not answer MSP: check the baud rate and that MSP is enabled on that port; asking on",
+                let why = format!(
+                    "flight controller {} does not answer MSP: check the baud rate and that MSP is enabled on that port",
                     self.fc
-                ));
+                );
+                if !was_connected && !self.waits {
+                    self.terminal.finish();
+                    return Err(anyhow!("{why} (--wait asks on)"));
+                }
+                self.terminal.line(&format!("  {why}; asking on"));
             }
             match (self.stop.count(), stopping_since) {
                 (0, _) => {}

@@ -51,8 +51,9 @@ pub(crate) struct SimArgs {
     /// Firmware that the simulated flight controller pretends to be: bf-old, bf-4.6, bf-new, inav, cleanflight, multiwii.
     #[arg(long, value_name = "NAME", default_value_t = Manner::default())]
     pub(crate) manner: Manner,
-    /// Settings of the flight controller at the start: ready-to-fly (RC by MSP, switches set), beside-radio (a pilot's
-    /// receiver, override box on Aux4), factory (as delivered, for `kestrel fc provision`).
+    /// Settings of the flight controller at the start: ready-to-fly (RC by MSP, switches set), provisioned (and the throttle
+    /// holds when RC stops), beside-radio (a pilot's receiver, override box on Aux4), factory (as delivered, for `kestrel fc
+    /// provision`).
     #[arg(long, value_name = "STATE", default_value_t = Delivery::default())]
     pub(crate) fc_settings: Delivery,
     /// Optical flow sensor.

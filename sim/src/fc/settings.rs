@@ -29,6 +29,8 @@ const RECEIVER_TYPE_MSP: u8 = 2;
 /// Anti-gravity, on in every Betaflight as delivered.
 const ANTI_GRAVITY: u32 = 1 << 28;
 const RX_SERIAL: u32 = 1 << 3;
+/// Among roll, pitch, yaw, throttle, Aux1 ...
+const THROTTLE: usize = 3;
 
 /// In which state the controller's settings are at the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,6 +39,8 @@ pub enum Delivery {
     /// RC by MSP, arm and angle switches set.
     #[default]
     ReadyToFly,
+    /// The same, and the throttle holds while no signal comes, until failsafe stage 2: as `kestrel fc provision` leaves it.
+    Provisioned,
     /// The pilot's radio is the receiver; the override box is on Aux4 from 1700 us.
     BesideRadio,
     /// As it leaves the shop: a serial receiver, no mode switches.
@@ -45,13 +49,19 @@ pub enum Delivery {
 
 impl Delivery {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::ReadyToFly, Self::BesideRadio, Self::Factory];
+    pub const ALL: [Self; 4] = [
+        Self::ReadyToFly,
+        Self::Provisioned,
+        Self::BesideRadio,
+        Self::Factory,
+    ];
 
     /// The name on the command line and in configuration files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::ReadyToFly => "ready-to-fly",
+            Self::Provisioned => "provisioned",
             Self::BesideRadio => "beside-radio",
             Self::Factory => "factory",
         }
@@ -101,7 +111,7 @@ pub(super) struct Settings {
 impl Settings {
     pub(super) fn new(table: &Table, config: &FcConfig) -> Self {
         let delivery = config.delivery;
-        let rx_by_msp = delivery == Delivery::ReadyToFly;
+        let rx_by_msp = matches!(delivery, Delivery::ReadyToFly | Delivery::Provisioned);
         let mut mode_ranges: ArrayVec<ModeRange, MOST_SLOTS> = (0..table.mode_slots)
             .map(|_| ModeRange::default())
             .collect();
@@ -137,11 +147,19 @@ impl Settings {
         }
         let (delay_ds, landing_time, throttle_us, procedure) = rules.failsafe;
         Self {
-            without_signal: core::array::from_fn(WithoutSignal::as_delivered),
+            without_signal: core::array::from_fn(|channel| {
+                if delivery == Delivery::Provisioned && channel == THROTTLE {
+                    WithoutSignal::Hold
+                } else {
+                    WithoutSignal::as_delivered(channel)
+                }
+            }),
             serial_rate_hz: config.serial_rate_hz,
             override_mask: match delivery {
                 Delivery::Factory => 0,
-                Delivery::ReadyToFly | Delivery::BesideRadio => config.override_mask,
+                Delivery::ReadyToFly | Delivery::Provisioned | Delivery::BesideRadio => {
+                    config.override_mask
+                }
             },
             name: LongText::new("kestrel-sim"),
             features: receiver_feature | ANTI_GRAVITY,
