@@ -181,6 +181,28 @@ def test_mission():
     return f"{len(figures)} of {wanted} good; " + "; ".join(figures)
 
 
+HOLD_AT_S = 32.0
+
+
+def test_flight_loop_held():
+    """Row 3: the flight loop is held in hover while the world and the firmware run on: 0.20 s is nothing, 0.6 s lands."""
+    figures = []
+    for held_s, mode in ((0.2, "LOITER"), (0.6, "LAND")):
+        options = ["--hold", f"{HOLD_AT_S},{held_s}"]
+        with the_firmware() as program, Firmware(program, seed=3, extra=options, name=f"held-{held_s}") as kestrel:
+            station = kestrel.station()
+            station.take_off(HEIGHT_M)
+            assert station.now < HOLD_AT_S - 3.0, f"hovers only at {station.now:.1f} s"
+            station.wait_for(lambda: station.now > HOLD_AT_S + held_s + 1.0, 60.0, "the hold is over")
+            said = station.mode
+            station.land()
+        truth = kestrel.truth()
+        lowest = -max(s.z for s in truth.between(HOLD_AT_S, HOLD_AT_S + held_s + 0.1).samples)
+        figures.append(f"held {held_s} s: {said}, lowest {lowest:.2f} m")
+        assert said == mode and lowest > 0.6 and truth.contacts() == 0, f"{figures[-1]}\n{kestrel.how_to_repeat()}"
+    return "; ".join(figures)
+
+
 def fc(*arguments, timeout=90):
     done = run("fc", *arguments, timeout=timeout)
     assert "panicked" not in done.stderr, done.stderr
