@@ -18,11 +18,7 @@ use estimator::thesis::{
 };
 use nalgebra::Vector3;
 use vehicle::Timestamp;
-
-/// Fastest a motor turns, rad/s.
-const MAX_SPEED_RADPS: f64 = 387.0;
-/// Fastest the motor driver accepts (I2C 220), rad/s: the real limit.
-const DRIVER_SPEED_RADPS: f64 = 368.16;
+use vehicle::uquad::{DRIVER_SPEED_RADPS, MAX_SPEED_RADPS};
 
 /// How the loop works.
 #[derive(Clone, Debug)]
