@@ -54,6 +54,15 @@ impl Weights {
         Self::diagonal(states, [1.0; 4], 0.1)
     }
 
+    /// Tighter, for rooms (chosen; the weights of the reference vectors): a metre of error is worth 100 rad/s of one motor.
+    #[must_use]
+    pub fn indoor() -> Self {
+        let states = [
+            10.0, 10.0, 20.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 0.1, 0.1, 0.1,
+        ];
+        Self::diagonal(states, [2.0, 2.0, 4.0, 0.5], 0.001)
+    }
+
     /// Reads Q (16 x 16) and R (4 x 4), text by rows in free layout.
     ///
     /// # Errors
