@@ -3,6 +3,7 @@
 //! A craft that flies by motor speeds, or a recording of one. Sans-IO: frames with their time go in, one [`Step`] per reading comes out, and what a pilot should
 //! hear. `kestrel eval uquad` drives it.
 
+use crate::motor::SpeedRange;
 use control::integral::IntegralAction;
 use control::proportional::{ErrorLimits, Gains};
 use control::state_feedback::{StateFeedback, StateSetpoint};
@@ -18,11 +19,6 @@ use estimator::thesis::{
 };
 use nalgebra::Vector3;
 use vehicle::Timestamp;
-
-/// Fastest a motor turns, rad/s.
-const MAX_SPEED_RADPS: f64 = 387.0;
-/// Fastest the motor driver accepts (I2C 220), rad/s: the real limit.
-const DRIVER_SPEED_RADPS: f64 = 368.16;
 
 /// How the loop works.
 #[derive(Clone, Debug)]
@@ -104,8 +100,8 @@ impl UquadConfig {
 /// Slowest and fastest commanded speed around a hover speed, rad/s: as far below it as the fastest motor is above.
 #[must_use]
 pub fn speed_range(hover_radps: f64) -> (f64, f64) {
-    let slowest = (2.0 * hover_radps - MAX_SPEED_RADPS).clamp(0.0, DRIVER_SPEED_RADPS);
-    (slowest, DRIVER_SPEED_RADPS)
+    let range = SpeedRange::around(hover_radps);
+    (range.slowest_radps, range.fastest_radps)
 }
 
 /// Why a configuration is refused.
