@@ -306,6 +306,10 @@ impl GroundLoop {
                             .line("  the flight thread is behind: a request was dropped");
                     }
                 }
+                GroundOutput::Disk(ticket, job) => {
+                    let reply = self.keep.carry_out(&job);
+                    self.ground.disk(self.clock.now(), ticket, &reply);
+                }
                 GroundOutput::Keep(document) => {
                     if let Err(e) = self.keep.write(&document) {
                         self.terminal
