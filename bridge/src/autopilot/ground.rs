@@ -3,6 +3,7 @@
 use super::door::{Answer, Asked, Event, Request, Severity, Snapshot};
 use crate::gcs::command::CommandService;
 use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
+use crate::gcs::fence::FenceWatch;
 use crate::gcs::ftp::FtpService;
 use crate::gcs::keys::KeyConsole;
 use crate::gcs::log_transfer::LogService;
@@ -44,7 +45,7 @@ pub struct GroundConfig {
     pub airframe: Airframe,
     /// UTC at boot, us; 0 unknown.
     pub boot_utc_us: u64,
-    /// What an earlier run had kept: the mission.
+    /// What an earlier run had kept: mission, fence, rally points.
     pub documents: Vec<Document>,
 }
 
@@ -129,6 +130,7 @@ pub struct Ground {
     manual: ManualService,
     setpoint: SetpointService,
     keys: KeyConsole,
+    fence: FenceWatch,
     ftp: FtpService,
     logs: LogService,
     next_service: Timestamp,
@@ -187,6 +189,7 @@ impl Ground {
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
             keys: KeyConsole::new(),
+            fence: FenceWatch::new(),
             ftp: FtpService::new(),
             logs: LogService::new(),
             next_service: Timestamp::ZERO,
@@ -200,14 +203,11 @@ impl Ground {
             stray_bytes: 0,
             settings,
         };
-        for document in documents
-            .iter()
-            .filter(|d| d.name == crate::gcs::mission::DOCUMENT)
-        {
+        for document in &documents {
             let ctx = context!(ground);
             ground
                 .mission
-                .restore(Timestamp::ZERO, &document.bytes, &ctx, &mut ground.out);
+                .restore_document(Timestamp::ZERO, document, &ctx, &mut ground.out);
         }
         ground.drain(Timestamp::ZERO, Class::Answer);
         ground
@@ -302,6 +302,9 @@ impl Ground {
     pub fn snapshot(&mut self, now: Timestamp, snapshot: &Snapshot) {
         self.telemetry.observe(now, snapshot);
         self.snapshot.clone_from(snapshot);
+        let (items, id) = (self.mission.fence_items(), self.mission.plan_ids().fence);
+        self.fence
+            .look(now, items, id, &context!(self), &mut self.out);
         self.beat(now);
     }
 

@@ -24,7 +24,12 @@ use std::time::Duration;
 use vehicle::{FloorPlan, In, MapPose, RingConfig, Timestamp};
 
 /// Documents that may be in the state folder.
-const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
+const DOCUMENTS: [&str; 4] = [
+    "parameters.toml",
+    "mission.json",
+    "fence.json",
+    "rally.json",
+];
 
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]

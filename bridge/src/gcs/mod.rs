@@ -9,6 +9,7 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
 //! | [`metadata`], [`disk`] | files made here; jobs for the disk |
@@ -21,6 +22,7 @@ mod bench;
 pub mod command;
 pub mod convert;
 pub mod disk;
+pub mod fence;
 pub mod ftp;
 pub mod heartbeat;
 pub mod keys;

@@ -16,8 +16,7 @@ use mavlink_dialect::standard::{
 };
 use mavlink_dialect::{Message, raw};
 
-/// MAV_PROTOCOL_CAPABILITY bits: what is built. Fence (0x4000) and rally points (0x8000) are not yet; exactly one of the
-/// parameter encodings is named, bytewise.
+/// MAV_PROTOCOL_CAPABILITY bits: what is built. Exactly one of the parameter encodings is named, bytewise.
 pub const CAPABILITIES: u64 = MISSION_FLOAT
     | MISSION_INT
     | COMMAND_INT
@@ -27,7 +26,9 @@ pub const CAPABILITIES: u64 = MISSION_FLOAT
     | SET_POSITION_TARGET_LOCAL_NED
     | SET_POSITION_TARGET_GLOBAL_INT
     | FLIGHT_TERMINATION
-    | MAVLINK2;
+    | MAVLINK2
+    | MISSION_FENCE
+    | MISSION_RALLY;
 const MISSION_FLOAT: u64 = 0x1;
 const MISSION_INT: u64 = 0x4;
 const COMMAND_INT: u64 = 0x8;
@@ -38,6 +39,8 @@ const SET_POSITION_TARGET_LOCAL_NED: u64 = 0x80;
 const SET_POSITION_TARGET_GLOBAL_INT: u64 = 0x100;
 const FLIGHT_TERMINATION: u64 = 0x800;
 const MAVLINK2: u64 = 0x2000;
+const MISSION_FENCE: u64 = 0x4000;
+const MISSION_RALLY: u64 = 0x8000;
 
 /// The PX4 whose conventions we follow, 1.15.0; type 0 (development) keeps QGroundControl from offering an update.
 pub const FLIGHT_SW_VERSION: u32 = 0x010F_0000;
@@ -127,8 +130,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn capabilities_are_those_of_the_contract_less_what_is_not_built() {
-        assert_eq!(CAPABILITIES, 0xE9FD & !(0x4000 | 0x8000));
+    fn capabilities_are_those_of_the_contract() {
+        assert_eq!(CAPABILITIES, 0xE9FD);
     }
 
     #[test]
