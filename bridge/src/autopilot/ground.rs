@@ -2,7 +2,11 @@
 
 use super::door::{Answer, Asked, Event, Request, Severity, Snapshot};
 use crate::gcs::command::CommandService;
+use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
+use crate::gcs::fence::FenceWatch;
+use crate::gcs::ftp::FtpService;
 use crate::gcs::keys::KeyConsole;
+use crate::gcs::log_transfer::LogService;
 use crate::gcs::manual::ManualService;
 use crate::gcs::mission::MissionService;
 use crate::gcs::out_queue::{Class, OutQueue};
@@ -12,7 +16,7 @@ use crate::gcs::setpoint::SetpointService;
 use crate::gcs::telemetry::Telemetry;
 use crate::gcs::text::{TextService, Told};
 use crate::gcs::{Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer};
-use crate::gcs::{ftp, heartbeat::Heartbeat, log_transfer, origin, time_sync};
+use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -41,7 +45,7 @@ pub struct GroundConfig {
     pub airframe: Airframe,
     /// UTC at boot, us; 0 unknown.
     pub boot_utc_us: u64,
-    /// What an earlier run had kept: the mission.
+    /// What an earlier run had kept: mission, fence, rally points.
     pub documents: Vec<Document>,
 }
 
@@ -50,6 +54,8 @@ pub struct GroundConfig {
 pub enum GroundOutput {
     /// Keep a document on disk.
     Keep(Document),
+    /// Do something on the disk; [`Ground::disk`] takes the answer.
+    Disk(Ticket, DiskJob),
     /// Ask the vehicle.
     Request(Asked),
     /// Send one frame on a link.
@@ -124,12 +130,16 @@ pub struct Ground {
     manual: ManualService,
     setpoint: SetpointService,
     keys: KeyConsole,
+    fence: FenceWatch,
+    ftp: FtpService,
+    logs: LogService,
     next_service: Timestamp,
 
     out: Outbox,
     queue: OutQueue,
     requests: VecDeque<Asked>,
     documents: VecDeque<Document>,
+    jobs: VecDeque<(Ticket, DiskJob)>,
     /// A message for all links and the next one it goes to.
     sending: Option<(Outgoing, usize)>,
     dropped_requests: u64,
@@ -179,24 +189,25 @@ impl Ground {
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
             keys: KeyConsole::new(),
+            fence: FenceWatch::new(),
+            ftp: FtpService::new(),
+            logs: LogService::new(),
             next_service: Timestamp::ZERO,
             out: Outbox::default(),
             queue: OutQueue::new(),
             requests: VecDeque::new(),
             documents: VecDeque::new(),
+            jobs: VecDeque::new(),
             sending: None,
             dropped_requests: 0,
             stray_bytes: 0,
             settings,
         };
-        for document in documents
-            .iter()
-            .filter(|d| d.name == crate::gcs::mission::DOCUMENT)
-        {
+        for document in &documents {
             let ctx = context!(ground);
             ground
                 .mission
-                .restore(Timestamp::ZERO, &document.bytes, &ctx, &mut ground.out);
+                .restore_document(Timestamp::ZERO, document, &ctx, &mut ground.out);
         }
         ground.drain(Timestamp::ZERO, Class::Answer);
         ground
@@ -229,6 +240,8 @@ impl Ground {
         self.links.retain(|l| l.id != link);
         self.telemetry.link_down(link);
         self.params.link_down(link);
+        self.ftp.link_down(link);
+        self.logs.link_down(link);
         self.router.link_down(link);
         self.queue.forget(link);
     }
@@ -260,6 +273,13 @@ impl Ground {
         self.drain(now, Class::Answer);
     }
 
+    /// The disk answered a job.
+    pub fn disk(&mut self, now: Timestamp, ticket: Ticket, reply: &DiskReply) {
+        let _ = self.ftp.disk(now, ticket, reply, &mut self.out)
+            || self.logs.disk(now, ticket, reply, &mut self.out);
+        self.drain(now, Class::Answer);
+    }
+
     /// Something happened to the vehicle.
     pub fn event(&mut self, now: Timestamp, event: &Event) {
         match event {
@@ -282,6 +302,9 @@ impl Ground {
     pub fn snapshot(&mut self, now: Timestamp, snapshot: &Snapshot) {
         self.telemetry.observe(now, snapshot);
         self.snapshot.clone_from(snapshot);
+        let (items, id) = (self.mission.fence_items(), self.mission.plan_ids().fence);
+        self.fence
+            .look(now, items, id, &context!(self), &mut self.out);
         self.beat(now);
     }
 
@@ -289,6 +312,8 @@ impl Ground {
     pub fn tick(&mut self, now: Timestamp) {
         self.beat(now);
         self.params.tick(now, &context!(self), &mut self.out);
+        self.ftp.tick(now, &mut self.out);
+        self.logs.tick(now, &context!(self), &mut self.out);
         self.drain(now, Class::Answer);
         if now >= self.next_service {
             self.next_service = now + SERVICE_PERIOD;
@@ -308,9 +333,14 @@ impl Ground {
             .next_service
             .min(self.heartbeat.deadline())
             .min(self.telemetry.deadline());
-        self.params
-            .deadline()
-            .map_or(deadline, |params| params.min(deadline))
+        [
+            self.params.deadline(),
+            self.ftp.deadline(),
+            self.logs.deadline(),
+        ]
+        .into_iter()
+        .flatten()
+        .fold(deadline, Timestamp::min)
     }
 
     /// The next thing to do; requests to the vehicle first.
@@ -343,6 +373,9 @@ impl Ground {
                 self.sending = Some((outgoing, at + 1));
             }
             return Some(send);
+        }
+        if let Some((ticket, job)) = self.jobs.pop_front() {
+            return Some(GroundOutput::Disk(ticket, job));
         }
         self.documents.pop_front().map(GroundOutput::Keep)
     }
@@ -422,8 +455,8 @@ impl Ground {
         self.keys.handle(now, from, message, &ctx, out);
         origin::handle(now, from, message, &ctx, out);
         time_sync::handle(now, from, message, out);
-        ftp::handle(from, message, out);
-        log_transfer::handle(from, message, out);
+        self.ftp.handle(now, from, message, &ctx, out);
+        self.logs.handle(now, from, message, &ctx, out);
         self.telemetry.set_plan_ids(self.mission.plan_ids());
     }
 
@@ -449,6 +482,8 @@ impl Ground {
         for outgoing in self.out.messages.drain(..).filter(|_| has_links) {
             self.queue.push(class, outgoing);
         }
+        // Bounded by the services, which wait for the answers.
+        self.jobs.append(&mut self.out.jobs);
         while let Some(document) = self.out.documents.pop_front() {
             // Only the newest state of a file matters.
             match self.documents.iter_mut().find(|d| d.name == document.name) {

@@ -109,7 +109,7 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
                         links.send(link, frame);
                     }
                 }
-                Outgoing::Keep(_) => {}
+                Outgoing::Keep(_) | Outgoing::Disk(..) => {}
             }
         }
         flight.step(now);

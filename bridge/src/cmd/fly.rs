@@ -115,14 +115,13 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     }
     super::apply_sets(&mut settings, &args.params)?;
     let mut documents = Vec::new();
-    if let Some(bytes) = keep
-        .read("mission.json")
-        .context("cannot read the stored mission")?
-    {
-        documents.push(Document {
-            name: "mission.json",
-            bytes,
-        });
+    for name in ["mission.json", "fence.json", "rally.json"] {
+        if let Some(bytes) = keep
+            .read(name)
+            .with_context(|| format!("cannot read the stored {name}"))?
+        {
+            documents.push(Document { name, bytes });
+        }
     }
     let start = match args.start {
         Some(StartArg::At(pose)) => Start::Known(pose),
@@ -322,6 +321,10 @@ impl GroundLoop {
                         self.terminal
                             .line("  the flight thread is behind: a request was dropped");
                     }
+                }
+                GroundOutput::Disk(ticket, job) => {
+                    let reply = self.keep.carry_out(&job);
+                    self.ground.disk(self.clock.now(), ticket, &reply);
                 }
                 GroundOutput::Keep(document) => {
                     if let Err(e) = self.keep.write(&document) {

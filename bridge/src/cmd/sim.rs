@@ -24,7 +24,12 @@ use std::time::Duration;
 use vehicle::{FloorPlan, In, MapPose, RingConfig, Timestamp};
 
 /// Documents that may be in the state folder.
-const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
+const DOCUMENTS: [&str; 4] = [
+    "parameters.toml",
+    "mission.json",
+    "fence.json",
+    "rally.json",
+];
 
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
@@ -77,10 +82,10 @@ pub(crate) struct SimArgs {
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Write the flight log: every input of the flight loop.
+    /// Write the flight log: every input of the flight loop; default: with --state-dir, a numbered file in its folder `logs`.
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
-    /// Keep parameters and mission in this folder.
+    /// Keep parameters, mission, flight logs and uploaded files in this folder.
     #[arg(long, value_name = "DIR")]
     pub(crate) state_dir: Option<PathBuf>,
     /// Number of this vehicle: system id 1 + N, default ports + 10 N.
@@ -312,7 +317,7 @@ impl SimArgs {
 
     /// World, vehicle and brain as the arguments describe them.
     pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
-        let keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
+        let mut keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
             format!(
                 "cannot make the state folder {}",
                 self.state_dir
@@ -375,9 +380,14 @@ impl SimArgs {
                     .with_context(|| format!("cannot write {}", path.display()))?,
             );
         }
-        if let Some(path) = &self.log {
+        // With a state folder every run is kept, where ground stations find it.
+        let log = match &self.log {
+            Some(path) => Some(path.clone()),
+            None => keep.fresh_log().context("cannot keep the flight log")?,
+        };
+        if let Some(path) = log {
             lockstep.write_record(
-                Recorder::create(path, &header)
+                Recorder::create(&path, &header)
                     .with_context(|| format!("cannot write {}", path.display()))?,
             );
         }

@@ -9,8 +9,10 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
+//! | [`metadata`], [`disk`] | files made here; jobs for the disk |
 //! | [`out_queue`] | what waits to be sent, bounded |
 
 #[cfg(test)]
@@ -19,11 +21,14 @@ mod any_message;
 mod bench;
 pub mod command;
 pub mod convert;
+pub mod disk;
+pub mod fence;
 pub mod ftp;
 pub mod heartbeat;
 pub mod keys;
 pub mod log_transfer;
 pub mod manual;
+pub mod metadata;
 pub mod mission;
 pub mod origin;
 pub mod out_queue;
@@ -121,7 +126,10 @@ pub struct Outbox {
     pub texts: VecDeque<(Severity, String)>,
     /// Documents to keep.
     pub documents: VecDeque<Document>,
+    /// Jobs for the disk.
+    pub jobs: VecDeque<(disk::Ticket, disk::DiskJob)>,
     next_request: u32,
+    next_ticket: u32,
 }
 
 impl Outbox {
@@ -151,6 +159,14 @@ impl Outbox {
             request,
         });
         id
+    }
+
+    /// Asks the disk; the answer comes back with this ticket.
+    pub fn disk(&mut self, job: disk::DiskJob) -> disk::Ticket {
+        self.next_ticket = self.next_ticket.wrapping_add(1);
+        let ticket = disk::Ticket(self.next_ticket);
+        self.jobs.push_back((ticket, job));
+        ticket
     }
 
     /// Tells every pilot (STATUSTEXT).

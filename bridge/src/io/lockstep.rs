@@ -11,6 +11,7 @@ use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
+use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
 use crate::gcs::{Document, LinkId};
 use crate::settings::Settings;
 use estimator::SearchRequest;
@@ -50,6 +51,8 @@ pub enum Outgoing {
     Frame(LinkId, FrameBytes),
     /// A document to keep.
     Keep(Document),
+    /// A job for the disk; [`Lockstep::disk`] takes the answer.
+    Disk(Ticket, DiskJob),
 }
 
 /// A simulated vehicle with its brain.
@@ -206,6 +209,12 @@ impl Lockstep {
         self.drain_ground();
     }
 
+    /// The disk answered.
+    pub fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
+        self.ground.disk(self.now, ticket, reply);
+        self.drain_ground();
+    }
+
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
         let asked = Asked {
@@ -354,6 +363,9 @@ impl Lockstep {
                 }
                 GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
+                GroundOutput::Disk(ticket, job) => {
+                    self.outgoing.push_back(Outgoing::Disk(ticket, job))
+                }
             }
         }
     }

@@ -14,6 +14,7 @@
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
 //! | [`record`] | the flight log: every input of `Flight` |
+//! | [`folder`] | flight logs and uploads on disk, safe from names and links |
 //! | [`keep`] | documents on disk, written atomically |
 
 pub mod bench_line;
@@ -21,6 +22,7 @@ pub mod clock;
 pub mod endpoint;
 pub mod firmware;
 pub mod flight_thread;
+pub mod folder;
 pub mod keep;
 pub mod line;
 pub mod lockstep;
