@@ -13,7 +13,7 @@ use bridge::io::clock;
 use bridge::io::endpoint::Endpoint;
 use bridge::io::firmware::{Firmware, FirmwareLine, find};
 use msp::command;
-use sim::firmware::{Dialect, UART1_PORT};
+use sim::firmware::betaflight::{Dialect, UART1_PORT};
 use std::time::Duration;
 
 /// Longest time in which it ends after the order to restart.
