@@ -20,6 +20,8 @@ import tty
 import kestrel_harness
 import msp
 from kestrel_harness import out_folder
+from rooms import Room
+from station import Station
 
 # Round trips of each client, and what each asks in turn.
 ROUNDS = 150
@@ -246,6 +248,47 @@ def test_pass_through_ends_when_it_arms_and_leaves_no_motor_turning():
             said = door.end()
         assert "is armed" in said, said
     return f"sent away {sent_away - armed_at:.2f} s after the switch"
+
+
+def test_fly_lends_its_line_to_a_configurator_and_takes_it_back():
+    """`fly --passthrough`: the client reads the controller, the bridge has none meanwhile and finds it again afterwards."""
+    mavlink, port = kestrel_harness.free_port(), kestrel_harness.free_port(socket.SOCK_STREAM)
+    log = out_folder() / f"fly-passthrough-{os.getpid()}.log"
+    with Server("--serial-rate", "1000", "--baud", "1000000") as server, open(log, "w") as output:
+        command = [kestrel_harness.binary(), "fly", "--fc", server.url, "--map", Room.export().plan, "--headless"]
+        command += ["--mavlink", f"udpserver://127.0.0.1:{mavlink}", "--passthrough", f"tcpserver://127.0.0.1:{port}"]
+        command += ["--state-dir", str(out_folder() / f"fly-passthrough-{os.getpid()}")]
+        running = subprocess.Popen([str(word) for word in command], stdout=output, stderr=subprocess.STDOUT)
+        try:
+            station = Station(mavlink, speed=1)
+            station.wait_connected()
+            attitudes = []
+            take = station._take
+
+            def listen(message):
+                if message.get_type() == "ATTITUDE":
+                    attitudes.append(time.monotonic())
+                take(message)
+
+            station._take = listen
+            station.wait_for(lambda: len(attitudes) > 5, 15.0, "the controller is heard")
+            for turn in (1, 2):
+                with msp.Msp(port) as line:
+                    assert line.ask(msp.API_VERSION)[1:3] == bytes([1, 47])
+                    for _ in range(20):
+                        assert len(line.ask(msp.ATTITUDE)) == 6
+                left = time.monotonic()
+                station.wait_for(lambda: attitudes[-1] > left + 0.5, 15.0, "the controller is heard again")  # noqa: B023
+                said = log.read_text()
+                assert said.count("a configurator has the flight controller") == turn, said
+                assert said.count("the configurator's time is over: the client left") == turn, said
+            station.close()
+            running.send_signal(signal.SIGINT)
+            assert running.wait(15.0) == 0, log.read_text()
+        finally:
+            running.kill()
+            running.wait()
+    return "lent twice, taken back twice"
 
 
 def test_a_motor_test_ends_with_motors_standing_still_however_it_is_ended():

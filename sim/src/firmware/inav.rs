@@ -119,12 +119,12 @@ pub struct Link {
 }
 
 impl Link {
-    /// The line has just opened.
+    /// The line is open; nothing is simulated before a time, usually [`SETTLE`] after that.
     #[must_use]
-    pub fn new(now: Timestamp) -> Self {
+    pub fn new(not_before: Timestamp) -> Self {
         Self {
             decoder: Decoder::new(Accept::Replies),
-            not_before: now + SETTLE,
+            not_before,
             asked: None,
             has_motors: false,
             has_state: false,
@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn nothing_is_sent_before_it_has_settled() {
-        let mut link = Link::new(ms(1000));
+        let mut link = Link::new(ms(1000) + SETTLE);
         link.tell(ms(5999), &level());
         assert_eq!(link.poll_transmit(), None);
         link.tell(ms(6000), &level());
