@@ -34,7 +34,7 @@ const DOCUMENTS: [&str; 4] = [
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
 )]
 pub(crate) struct SimArgs {
     /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
@@ -67,6 +67,16 @@ pub(crate) struct SimArgs {
     /// What flies it: the built-in controller, or the real firmware (its simulator build, in real time only).
     #[arg(long, value_name = "NAME", default_value = "built-in")]
     pub(crate) firmware: FirmwareArg,
+    /// INAV: the MSP port it is flown by (tcpclient://host:port or serial:///dev/...). Start its simulator build with its
+    /// base port moved off 5760, which ground stations use.
+    #[arg(long, value_name = "URL")]
+    pub(crate) fc: Option<String>,
+    /// INAV: the MSP port that takes the simulated sensors; default: the TCP port after that of --fc.
+    #[arg(long, value_name = "URL")]
+    pub(crate) fc_sim: Option<String>,
+    /// Betaflight: edition of its state packets; default: by the MSP version it tells.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) fc_dialect: Option<DialectArg>,
     /// The firmware's simulator build; default: the one in the Python package `betaflight`.
     #[arg(long, value_name = "FILE")]
     pub(crate) fc_binary: Option<PathBuf>,
@@ -130,6 +140,9 @@ impl Default for SimArgs {
             fc_settings: Delivery::default(),
             flow: Switch::On,
             firmware: FirmwareArg::BuiltIn,
+            fc: None,
+            fc_sim: None,
+            fc_dialect: None,
             fc_binary: None,
             fc_dir: None,
             no_provision: false,
@@ -156,6 +169,19 @@ pub(crate) enum FirmwareArg {
     BuiltIn,
     /// Betaflight itself.
     Betaflight,
+    /// INAV, started by you: see --fc.
+    Inav,
+}
+
+/// `--fc-dialect`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DialectArg {
+    /// Betaflight 4.6 and older.
+    #[value(name = "bf-4.6")]
+    Bf46,
+    /// Betaflight 2026.12.
+    #[value(name = "bf-2026")]
+    Bf2026,
 }
 
 /// Speed of simulated time.
@@ -493,8 +519,8 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         Speed::Times(x) => Some(x),
         Speed::Max => None,
     };
-    if args.firmware == FirmwareArg::Betaflight {
-        lockstep.fly_by(firmware::start(&args, &mut terminal)?);
+    if let Some(firmware) = firmware::start(&args, &mut terminal)? {
+        lockstep.fly_by(firmware);
     }
     Session {
         lockstep,

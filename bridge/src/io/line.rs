@@ -107,6 +107,19 @@ impl Line {
         Ok(())
     }
 
+    /// Writes as much as the kernel has room for, and tells how much: for a stream of which nothing may be dropped.
+    ///
+    /// # Errors
+    /// The line is gone.
+    pub fn write_stream(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.flush()?;
+        if self.rest.is_empty() {
+            self.write_some(bytes)
+        } else {
+            Ok(0)
+        }
+    }
+
     /// Writes what is left of a frame.
     ///
     /// # Errors

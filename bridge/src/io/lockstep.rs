@@ -3,7 +3,7 @@
 //! The same struct flies in real time behind sockets, in virtual time inside tests, and as fast as it can in `demo`:
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
-use super::firmware::FirmwareLine;
+use super::firmware::Outside;
 use super::record::{Record, Recorder};
 use super::truth::{Row, TruthFile};
 use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot, Station};
@@ -72,7 +72,7 @@ pub struct Lockstep {
     recorder: Option<Recorder>,
     kept: Option<Vec<(Timestamp, Input)>>,
     /// The real firmware instead of the fake controller.
-    firmware: Option<FirmwareLine>,
+    firmware: Option<Outside>,
     ticks_seen: u64,
     held_until: Timestamp,
     planned_hold: Option<(Timestamp, Duration)>,
@@ -170,12 +170,12 @@ impl Lockstep {
 
     /// From now on this firmware flies the vehicle, whose controller must be outside
     /// ([`sim::VehicleConfig::outside_fc`]). It runs on the wall clock, so time must pass at its pace.
-    pub fn fly_by(&mut self, firmware: FirmwareLine) {
+    pub fn fly_by(&mut self, firmware: Outside) {
         self.firmware = Some(firmware);
     }
 
     /// The real firmware, if it flies.
-    pub const fn firmware(&mut self) -> Option<&mut FirmwareLine> {
+    pub const fn firmware(&mut self) -> Option<&mut Outside> {
         self.firmware.as_mut()
     }
 

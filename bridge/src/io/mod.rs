@@ -7,6 +7,7 @@
 //! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
 //! | [`firmware`] | Betaflight's simulator build as a child process in place of the fake controller |
 //! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
+//! | [`passthrough`] | a configurator on the controller's line, by TCP: `kestrel fc passthrough` |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
 //! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
@@ -27,6 +28,7 @@ pub mod keep;
 pub mod line;
 pub mod lockstep;
 pub mod net;
+pub mod passthrough;
 pub mod realtime;
 pub mod record;
 pub mod timer;
