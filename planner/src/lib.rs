@@ -15,6 +15,7 @@
 //! | [`evade`] | where to step aside |
 //! | [`coverage`] | which directions the rangers look into |
 //! | [`params`] | [`PlannerParams`] |
+//! | [`episode`] | a flight through obstacles nobody knows of: `kestrel eval avoid`, the BARN campaign |
 //!
 //! ```
 //! use planner::{Goal, Navigator, PlannerParams, SteeringState, VfhParams};
@@ -44,6 +45,7 @@
 //! and B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968.
 
 pub mod coverage;
+pub mod episode;
 pub mod evade;
 pub mod mission;
 pub mod navigator;
