@@ -99,7 +99,7 @@ fn states_go_out_motors_come_in_and_the_flying_port_carries_msp() {
         if !line.keeps_up() {
             continue;
         }
-        now = now + sim::STEP;
+        now += sim::STEP;
         simulator.advance(now, &mut |_, _| {});
         line.exchange(now, &mut simulator, &mut inputs);
         while let Some(input) = inputs.pop_front() {

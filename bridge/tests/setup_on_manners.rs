@@ -61,7 +61,7 @@ impl Bench {
 
     /// One millisecond; the bytes that came.
     fn step(&mut self) -> Vec<u8> {
-        self.now = self.now + Duration::from_millis(1);
+        self.now += Duration::from_millis(1);
         if let Some(channels_us) = self.rc_us
             && (self.now.us() / 1000).is_multiple_of(20)
         {

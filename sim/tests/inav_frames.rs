@@ -44,9 +44,9 @@ fn felt(angles: [f64; 3], rates: [f64; 3]) -> Felt {
     let [p, q, r] = rates.map(f64::to_radians);
     // At rest a body feels what holds it: one g upwards, seen from the body.
     let up = [
-        pitch.sin(),
-        -roll.sin() * pitch.cos(),
-        -roll.cos() * pitch.cos(),
+        libm::sin(pitch),
+        -libm::sin(roll) * libm::cos(pitch),
+        -libm::cos(roll) * libm::cos(pitch),
     ];
     Felt {
         rates_radps: In::new(p, q, r),

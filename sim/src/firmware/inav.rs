@@ -203,7 +203,6 @@ fn commands(motor: &Motor) -> [f64; 4] {
 }
 
 #[cfg(test)]
-#[expect(clippy::float_cmp, reason = "motors are hundredths, exactly")]
 mod tests {
     use super::*;
     use proptest::prelude::*;
