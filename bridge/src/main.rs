@@ -33,8 +33,8 @@ enum Command {
     Fc(cmd::fc::FcArgs),
     /// Turn the motors of a craft without flight controller by hand, on the bench.
     #[command(
-        after_help = "Each line of standard input: four numbers, front left rear right. All above 45 start the motors (ramp of 2.4 s), a 0 stops\n\
-        them; a line stands until the next. The end of the input and Ctrl-C stop them.\n\n\
+        after_help = "Each line of standard input: four numbers, front left rear right. All above 45 start the motors (ramp of 2.4 s), a 0\n\
+        stops them; a line stands until the next. The end of the input and Ctrl-C stop them.\n\n\
         Examples:\n  (echo 167 167 167 167; sleep 5) | kestrel motors\n  kestrel motors --radps\n  kestrel motors --bus i2c:///dev/i2c-2 --props-off"
     )]
     Motors(cmd::motors::MotorsArgs),

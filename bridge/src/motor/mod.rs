@@ -2,10 +2,10 @@
 //!
 //! | Module | Does |
 //! | --- | --- |
-//! | [`units`] | rad/s to the driver's units, the pair of limits, lines of four numbers |
+//! | [`mod@units`] | rad/s to the driver's units, the pair of limits, lines of four numbers |
 //! | [`commander`] | the side of the control loop: limits, spacing of messages, waits for the acknowledgements |
 //! | [`driver`] | the side of the bus: checks, acknowledges, starts with a ramp, re-sends, stops |
-//! | [`bench`] | both in one hand, fed with lines: `kestrel motors` |
+//! | [`mod@bench`] | both in one hand, fed with lines: `kestrel motors` |
 //!
 //! ```text
 //!  control loop ── speeds ──> Commander ── 4 bytes ──> Driver ── I2C writes, each 2 ms ──> 4 speed controllers
