@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from kestrel_harness import Kestrel, out_folder
+from rooms import Room
 from station import item, mav
 from test_mavsdk import flight
 
@@ -151,7 +152,7 @@ def test_fence_stops_the_vehicle_and_outlives_the_program():
         sticks = drone.now
         drone.sleep(3.0)
         # A go-to beyond the border: stopped again, and again when asked again.
-        lat, lon = drone.global_of(0.0, -2.5)
+        lat, lon = drone.global_of(*Room.export("office").place("corridor"))
         drone.action.goto_location(lat, lon, drone.telemetry.home().absolute_altitude_m + 1.0, 0.0)
         drone.sleep(8.0)
         drone.action.return_to_launch()
