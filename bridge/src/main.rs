@@ -40,6 +40,8 @@ enum Command {
     Motors(cmd::motors::MotorsArgs),
     /// Look into the protocol of flight controllers.
     Msp(cmd::msp::MspArgs),
+    /// Make and show keys of signed MAVLink links.
+    Keys(cmd::keys::KeysArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
@@ -60,6 +62,7 @@ fn main() -> ExitCode {
         Command::Fc(args) => cmd::fc::run(args),
         Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),
+        Command::Keys(args) => cmd::keys::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),

@@ -13,6 +13,7 @@ use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
 use crate::gcs::setpoint::SetpointService;
+use crate::gcs::signing::{self, LinkSigning};
 use crate::gcs::telemetry::Telemetry;
 use crate::gcs::text::{TextService, Told};
 use crate::gcs::{Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer};
@@ -20,6 +21,7 @@ use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
+use mavlink_dialect::signing::SigningKey;
 use mavlink_dialect::{Address, DecodeCounters, Decoder, Encoder, Frame, FrameBytes, Message};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -104,6 +106,8 @@ pub struct GroundCounters {
     pub suppressed_texts: u64,
     /// Bytes on links that could not come up.
     pub stray_bytes: u64,
+    /// Frames on signed links whose signature was missing, wrong or used before.
+    pub rejected_signatures: u64,
 }
 
 /// Everything that speaks MAVLink, as one pure machine.
@@ -130,6 +134,7 @@ pub struct Ground {
     manual: ManualService,
     setpoint: SetpointService,
     keys: KeyConsole,
+    signing: LinkSigning,
     fence: FenceWatch,
     ftp: FtpService,
     logs: LogService,
@@ -189,6 +194,7 @@ impl Ground {
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
             keys: KeyConsole::new(),
+            signing: LinkSigning::new(),
             fence: FenceWatch::new(),
             ftp: FtpService::new(),
             logs: LogService::new(),
@@ -204,6 +210,9 @@ impl Ground {
             settings,
         };
         for document in &documents {
+            if document.name == signing::DOCUMENT {
+                ground.signing.restore(&document.bytes);
+            }
             let ctx = context!(ground);
             ground
                 .mission
@@ -211,6 +220,11 @@ impl Ground {
         }
         ground.drain(Timestamp::ZERO, Class::Answer);
         ground
+    }
+
+    /// Keys that the links of each endpoint are signed with, by number of the endpoint ([`LinkId::of`]); none = unsigned.
+    pub fn set_keys(&mut self, keys: Vec<Option<SigningKey>>) {
+        self.signing.set_keys(keys);
     }
 
     /// A link came up: it is greeted with a heartbeat and gets telemetry. False if there are too many.
@@ -257,9 +271,9 @@ impl Ground {
             return;
         };
         let mut decoder = core::mem::take(&mut self.links[at].decoder);
-        decoder.push(bytes, |frame| self.take(now, link, &frame));
+        decoder.push_wire(bytes, |frame, wire| self.take(now, link, &frame, wire));
         if is_datagram {
-            decoder.end_of_datagram(|frame| self.take(now, link, &frame));
+            decoder.end_of_datagram_wire(|frame, wire| self.take(now, link, &frame, wire));
         }
         self.links[at].decoder = decoder;
     }
@@ -321,6 +335,7 @@ impl Ground {
             self.mission.tick(now, &ctx, &mut self.out);
             self.command.tick(now, &ctx, &mut self.out);
             self.keys.tick(now, &ctx, &mut self.out);
+            self.signing.tick(now, &ctx, &mut self.out);
             self.telemetry.set_plan_ids(self.mission.plan_ids());
             self.drain(now, Class::Answer);
         }
@@ -367,7 +382,9 @@ impl Ground {
             link.sent += 1;
             let send = GroundOutput::Send {
                 link: link.id,
-                bytes: link.encoder.encode_message(&outgoing.message),
+                bytes: self
+                    .signing
+                    .encode(link.id, &mut link.encoder, &outgoing.message),
             };
             if outgoing.to == Destination::All {
                 self.sending = Some((outgoing, at + 1));
@@ -412,6 +429,7 @@ impl Ground {
             dropped_requests: self.dropped_requests,
             suppressed_texts: self.text.suppressed(),
             stray_bytes: self.stray_bytes,
+            rejected_signatures: self.signing.rejected(),
         }
     }
 
@@ -427,7 +445,14 @@ impl Ground {
     }
 
     /// One frame of a link.
-    fn take(&mut self, now: Timestamp, link: LinkId, frame: &Frame) {
+    fn take(&mut self, now: Timestamp, link: LinkId, frame: &Frame, wire: &[u8]) {
+        let ctx = context!(self);
+        if !self
+            .signing
+            .admits(now, link, frame, wire, &ctx, &mut self.out)
+        {
+            return self.drain(now, Class::Answer);
+        }
         if self.router.judge(now, link, frame) != Verdict::ForUs {
             return;
         }

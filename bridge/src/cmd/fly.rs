@@ -123,7 +123,12 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     }
     super::apply_sets(&mut settings, &args.params)?;
     let mut documents = Vec::new();
-    for name in ["mission.json", "fence.json", "rally.json"] {
+    for name in [
+        "mission.json",
+        "fence.json",
+        "rally.json",
+        "signing-clock.txt",
+    ] {
         if let Some(bytes) = keep
             .read(name)
             .with_context(|| format!("cannot read the stored {name}"))?
@@ -139,7 +144,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
 
     let clock = Clock::start(1.0);
     let boot_utc_us = clock::utc_us();
-    let ground = Ground::new(GroundConfig {
+    let mut ground = Ground::new(GroundConfig {
         us: our_address(&settings),
         settings: settings.clone(),
         anchor: plan.anchor(),
@@ -157,6 +162,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         seed: boot_utc_us,
     };
     let flight = Flight::new(clock.now(), config);
+    ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;

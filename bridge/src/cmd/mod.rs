@@ -6,6 +6,7 @@ pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;
 pub(crate) mod motors;
+pub(crate) mod keys;
 pub(crate) mod msp;
 pub(crate) mod msp_ask;
 pub(crate) mod msp_serve;

@@ -7,7 +7,7 @@ use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
 use bridge::gcs::Document;
-use bridge::io::endpoint::Endpoint;
+use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, LockstepConfig};
 use bridge::io::net::{Links, Wanted};
@@ -421,7 +421,7 @@ impl SimArgs {
     }
 
     /// Links as asked for; none named = the default set.
-    pub(crate) fn links(&self) -> Result<Links> {
+    pub(crate) fn links(&self, lockstep: &mut Lockstep) -> Result<Links> {
         let wanted: Vec<Wanted> = if self.mavlink.is_empty() {
             DEFAULT_LINKS
                 .iter()
@@ -431,12 +431,16 @@ impl SimArgs {
                     Wanted {
                         endpoint: (link.endpoint)(address),
                         is_default: true,
+                        key: None,
                     }
                 })
                 .collect()
         } else {
             parse_endpoints(&self.mavlink)?
         };
+        lockstep
+            .ground
+            .set_keys(wanted.iter().map(|w| w.key.clone()).collect());
         Links::open(&wanted).map_err(|e| anyhow!(e))
     }
 }
@@ -486,12 +490,13 @@ fn somewhere(plan: &FloorPlan, seed: u64) -> MapPose {
 pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
     urls.iter()
         .map(|url| {
-            let endpoint: Endpoint = url
-                .parse()
-                .map_err(|e: bridge::io::endpoint::EndpointError| Usage(e.to_string()))?;
+            let wrong = |e: EndpointError| Usage(e.to_string());
+            let (url, key) = endpoint::split_key(url).map_err(wrong)?;
+            let endpoint: Endpoint = url.parse().map_err(wrong)?;
             Ok(Wanted {
                 endpoint,
                 is_default: false,
+                key,
             })
         })
         .collect()
@@ -500,7 +505,7 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
 pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
     let (mut lockstep, keep) = args.build()?;
-    let links = args.links()?;
+    let links = args.links(&mut lockstep)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
         "Kestrel {} in `{}`, seed {}, ring {}",

@@ -4,6 +4,8 @@
 //! outside, the action of `GF_ACTION` is asked of the vehicle, as a station would ask it. Whoever then steers at the fence again
 //! is stopped again; a vehicle that is outside (it was armed there, or pushed) is told once and may fly back.
 //!
+//! Not covered yet: a go-to, which is flown in Hold, is not stopped by the action Hold.
+//!
 //! A place is inside if it lies in at least one inclusion zone (or there is none) and in no exclusion zone. Zones have no
 //! height: the ceiling is `KST_CEILING`. Source: MAVLink guide, "Geofencing"; MAV_CMD 5001 to 5004.
 

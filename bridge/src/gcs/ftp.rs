@@ -372,7 +372,12 @@ impl FtpService {
             DiskReply::NotFound => match what {
                 // No folder yet is an empty one.
                 Wait::List => return listing(&[], request.offset).map(Some),
-                Wait::Room(_) | Wait::Create(_) => return Err(Refusal::Protected),
+                Wait::Room(name) => {
+                    let job = DiskJob::Create(name.clone());
+                    return self.wait(now, peer, &request, job, Wait::Create(name), out);
+                }
+                // Nowhere to keep files.
+                Wait::Create(_) => return Err(Refusal::Protected),
                 _ => return Err(Refusal::NotFound),
             },
             DiskReply::Failed => return Err(Refusal::Fail),

@@ -9,6 +9,7 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`signing`] | which links demand signatures |
 //! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
@@ -36,6 +37,7 @@ pub mod params;
 mod place;
 pub mod router;
 pub mod setpoint;
+pub mod signing;
 pub mod telemetry;
 pub mod text;
 pub mod time_sync;
@@ -52,6 +54,21 @@ pub const MAX_LINKS: usize = 32;
 /// A link of the shell: a socket peer, a TCP client, a serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LinkId(pub u32);
+
+impl LinkId {
+    /// A link of an endpoint, the n-th that came up there: the number itself says what is demanded of who speaks on it, so that
+    /// no order of events can make a link of a signed endpoint an open one.
+    #[must_use]
+    pub const fn of(endpoint: u8, n: u32) -> Self {
+        Self((endpoint as u32) << 24 | (n & 0x00FF_FFFF))
+    }
+
+    /// Number of the endpoint.
+    #[must_use]
+    pub const fn endpoint(self) -> u8 {
+        (self.0 >> 24) as u8
+    }
+}
 
 /// Where a message came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

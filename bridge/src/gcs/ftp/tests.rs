@@ -107,6 +107,10 @@ impl Rig {
             (u8::from(folder == Folder::Upload), name)
         };
         match job {
+            // As on a disk where nothing was uploaded yet.
+            DiskJob::List(Folder::Upload) if self.disk.keys().all(|(f, _)| *f == 0) => {
+                DiskReply::NotFound
+            }
             DiskJob::List(folder) => DiskReply::Files(
                 self.disk
                     .iter()
