@@ -100,10 +100,13 @@ fn campaign(sensor: Sensor) -> Option<Tally> {
     let stride = std::env::var("BARN_STRIDE")
         .ok()
         .and_then(|s| s.parse().ok());
+    let seeds = std::env::var("BARN_SEEDS")
+        .ok()
+        .and_then(|s| s.parse().ok());
     let (stride, seeds) = if full {
         (1, 3)
     } else {
-        (stride.unwrap_or(STRIDE), 1)
+        (stride.unwrap_or(STRIDE), seeds.unwrap_or(1))
     };
     let worlds = worlds(stride)?;
     let mut tally = Tally::default();
