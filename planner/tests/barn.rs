@@ -1,6 +1,7 @@
 //! The BARN obstacle courses (Perille, Truong, Xiao, Stone 2020), unknown to the planner: success, contacts, time, score.
 //!
-//! Some worlds by default, all with three seeds each with `KESTREL_FULL=1`; skipped without the recordings.
+//! Some worlds by default (every tenth, or every `BARN_STRIDE`th with `BARN_SEEDS` seeds), all with three seeds each with
+//! `KESTREL_FULL=1`; skipped without the recordings.
 
 #![allow(
     clippy::disallowed_methods,
