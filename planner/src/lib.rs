@@ -11,6 +11,7 @@
 //! | [`route`] | [`Router`]: A* on the inflated plan |
 //! | [`navigator`] | [`Navigator`]: goal and state to [`vehicle::Setpoint`]; the limiter of manual flight |
 //! | [`vfh`] | certainty grid, polar histogram, openings, steering |
+//! | [`potential`] | potential fields, SNSI's first planner, for comparison |
 //! | [`tracks`] | people: what moves and is not on the plan |
 //! | [`evade`] | where to step aside |
 //! | [`coverage`] | which directions the rangers look into |
@@ -50,6 +51,7 @@ pub mod evade;
 pub mod mission;
 pub mod navigator;
 pub mod params;
+pub mod potential;
 pub mod route;
 pub mod tracks;
 pub mod vfh;

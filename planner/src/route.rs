@@ -21,8 +21,12 @@ const CELL_MIN_M: f64 = 0.05;
 const SNAP_M: f64 = 1.2;
 /// A straight shortcut may cost this much more than the way it replaces.
 const SHORTCUT_SLACK: f64 = 1.01;
-/// Room kept between hull and seen obstacles, m: where there is room, and at the least.
-const SEEN_ROOM_M: [f64; 2] = [0.1, 0.05];
+/// Room between hull and seen obstacles below which a place is tight, and below which it is closed, m.
+const SEEN_TIGHT_M: f64 = 0.1;
+const SEEN_CLOSED_M: f64 = 0.02;
+/// Cost per metre of a tight place: a gap that looks too narrow from afar is gone to and looked at, but only when the way
+/// round is some metres longer.
+const TIGHT_COST: f32 = 15.0;
 /// Seen obstacles make a cell dearer this far beyond the margin, m.
 const SEEN_SOFT_M: f64 = 0.3;
 /// Distances beyond this do not matter for the clearance cost, m.
@@ -189,7 +193,7 @@ impl Router {
     /// True if the vehicle can fly straight from one point to another within the route's margins.
     #[must_use]
     pub fn sees(&self, a: In<Map>, b: In<Map>) -> bool {
-        self.line_cost(a, b).is_finite()
+        self.line_cost(a, b, TIGHT_COST).is_finite()
     }
 
     /// The way from a place to another, around walls and around `obstacles` (points seen but not on the plan).
@@ -222,26 +226,18 @@ impl Router {
         self.find_around(from, to, obstacles)
     }
 
-    /// Around obstacles with room to spare; where that leaves no way, as close as the vehicle can pass at all.
     fn find_around(
         &mut self,
         from: In<Map>,
         to: In<Map>,
         obstacles: &[In<Map>],
     ) -> Result<Path, RouteError> {
-        let mut found = Err(RouteError::NoWay);
-        for room_m in SEEN_ROOM_M {
-            self.lay_seen(obstacles, from, self.radius_m + room_m);
-            found = self.search(from, to);
-            if obstacles.is_empty() || !matches!(found, Err(RouteError::NoWay)) {
-                break;
-            }
-        }
-        found
+        self.lay_seen(obstacles, from);
+        self.search(from, to)
     }
 
-    /// Lays the costs of obstacles: none may be passed nearer than `hard_m`, and beyond it costs as beside a wall.
-    fn lay_seen(&mut self, obstacles: &[In<Map>], from: In<Map>, hard_m: f64) {
+    /// Lays the costs of obstacles: what is closed, what is tight, and beyond that as beside a wall.
+    fn lay_seen(&mut self, obstacles: &[In<Map>], from: In<Map>) {
         for i in self.seen_cells.drain(..) {
             (self.seen_cost[i as usize], self.seen_m2[i as usize]) = (0.0, f32::INFINITY);
         }
@@ -270,11 +266,14 @@ impl Router {
                 }
             }
         }
-        let hard_m = hard_m.min(nearest_m - self.grid.cell_m);
+        let closed_m = (self.radius_m + SEEN_CLOSED_M).min(nearest_m - self.grid.cell_m);
+        let tight_m = self.radius_m + SEEN_TIGHT_M;
         for i in &self.seen_cells {
             let d = f64::from(self.seen_m2[*i as usize]).sqrt();
-            self.seen_cost[*i as usize] = if d < hard_m {
+            self.seen_cost[*i as usize] = if d < closed_m {
                 f32::INFINITY
+            } else if d < tight_m {
+                TIGHT_COST
             } else {
                 (1.0 + self.clearance_weight * libm::exp(-3.0 * (d - self.reach_m))) as f32
             };
@@ -445,12 +444,13 @@ impl Router {
         let straight = self.line_cost(
             self.grid.centre(self.cells[i]),
             self.grid.centre(self.cells[j]),
+            f32::INFINITY,
         );
         straight <= along * SHORTCUT_SLACK
     }
 
-    /// Cost of flying straight; infinite if a cell on the line may not be crossed.
-    fn line_cost(&self, a: In<Map>, b: In<Map>) -> f64 {
+    /// Cost of flying straight; infinite if a cell on the line may not be crossed or costs too much.
+    fn line_cost(&self, a: In<Map>, b: In<Map>, below: f32) -> f64 {
         let length = libm::hypot(b.x() - a.x(), b.y() - a.y());
         let steps = libm::ceil(length / (0.5 * self.grid.cell_m)).max(1.0);
         let mut sum = 0.0;
@@ -462,7 +462,7 @@ impl Router {
                 0.0,
             );
             match self.grid.index(p) {
-                Some(i) if self.passable(i) => {
+                Some(i) if self.cost_of(i) < below => {
                     let end = if k == 0 || k == steps as usize {
                         0.5
                     } else {

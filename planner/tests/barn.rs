@@ -1,6 +1,7 @@
 //! The BARN obstacle courses (Perille, Truong, Xiao, Stone 2020), unknown to the planner: success, contacts, time, score.
 //!
-//! Some worlds by default, all with three seeds each with `KESTREL_FULL=1`; skipped without the recordings.
+//! Some worlds by default (every tenth, or every `BARN_STRIDE`th with `BARN_SEEDS` seeds), all with three seeds each with
+//! `KESTREL_FULL=1`; skipped without the recordings.
 
 #![allow(
     clippy::disallowed_methods,
@@ -100,10 +101,13 @@ fn campaign(sensor: Sensor) -> Option<Tally> {
     let stride = std::env::var("BARN_STRIDE")
         .ok()
         .and_then(|s| s.parse().ok());
+    let seeds = std::env::var("BARN_SEEDS")
+        .ok()
+        .and_then(|s| s.parse().ok());
     let (stride, seeds) = if full {
         (1, 3)
     } else {
-        (stride.unwrap_or(STRIDE), 1)
+        (stride.unwrap_or(STRIDE), seeds.unwrap_or(1))
     };
     let worlds = worlds(stride)?;
     let mut tally = Tally::default();

@@ -28,7 +28,7 @@ const AHEAD_RAD: f64 = 0.3;
 /// Where the next turn can lead: what the nose swings for, rad.
 const SIDES_RAD: f64 = 1.0;
 /// Speed of a ring that must swing for it, shares of the speed into the blind.
-const SIDES_BLIND: f64 = 1.7;
+const SIDES_BLIND: f64 = 1.0;
 /// Speed beside an obstacle that is touched, m/s, and what each metre away from it adds, 1/s.
 const BESIDE_MPS: f64 = 0.35;
 const BESIDE_PER_S: f64 = 3.0;

@@ -179,10 +179,11 @@ impl CertaintyGrid {
 
     fn decayed(&self, s: CellState, now_ds: u32) -> CellState {
         let half_life = if s.sure { self.sure_ds } else { self.fresh_ds }.max(1);
-        let halvings = now_ds.saturating_sub(s.at_ds) / half_life;
-        if halvings == 0 {
+        let elapsed_ds = now_ds.saturating_sub(s.at_ds);
+        if elapsed_ds < half_life {
             return s;
         }
+        let halvings = elapsed_ds / half_life;
         let certainty = s.certainty.checked_shr(halvings).unwrap_or(0);
         CellState {
             certainty,
