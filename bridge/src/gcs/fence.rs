@@ -1,6 +1,6 @@
 //! The fence: where the vehicle may be, and what is done before it leaves.
 //!
-//! Before, not after: whenever the place where it would come to rest by braking now ([`BRAKE_MPS2`] after [`REACTION`]) lies
+//! Before, not after: whenever the place where it would come to rest by braking now (`BRAKE_MPS2` after `REACTION`) lies
 //! outside, the action of `GF_ACTION` is asked of the vehicle, as a station would ask it. Whoever then steers at the fence again
 //! is stopped again; a vehicle that is outside (it was armed there, or pushed) is told once and may fly back.
 //!
