@@ -455,7 +455,7 @@ proptest! {
             let s = e.state();
             prop_assert!(s.position.is_finite() && s.velocity.is_finite() && s.rates_radps.is_finite(), "{s:?}");
             prop_assert!(s.attitude.quaternion().coords.iter().all(|c| c.is_finite()));
-            prop_assert!(s.position_std_m.is_finite() && s.velocity_std_mps.is_finite() && s.yaw_std_rad.is_finite());
+            prop_assert!(s.position_std_m.is_finite() && s.velocity_std_mps.is_finite() && s.yaw_std_rad.is_finite(), "{:?} {:?} {} kind {kind} {v:?}", s.position_std_m, s.velocity_std_mps, s.yaw_std_rad);
             if let Some(particles) = e.particles() {
                 let sum: f32 = particles.iter().map(|(_, w)| w).sum();
                 prop_assert!((sum - 1.0).abs() < 1e-3, "weights sum to {sum}");

@@ -11,6 +11,8 @@ use nalgebra::{Matrix3, Vector3};
 const NOTHING: f64 = 1e-40;
 /// No variance falls below this: the next gain would blow up.
 const FLOOR: f64 = 1e-12;
+/// No variance rises above this: ten kilometres, and no product of two overflows.
+const CEILING: f64 = 1e8;
 
 /// Columns are padded to an even sixteen while they are worked on: compilers leave loops of fifteen scalar.
 const PADDED: usize = 16;
@@ -120,6 +122,22 @@ pub(super) fn propagate(covariance: &mut Covariance, transition: &Transition) {
             }
         }
     }
+    keep_sound(covariance);
+}
+
+/// Where rounding has eaten a variance, or broken sensors have driven it beyond all sense, what it was correlated with is
+/// nonsense too: the state begins anew, knowing no other.
+#[inline]
+fn keep_sound(covariance: &mut Covariance) {
+    for i in 0..STATES {
+        let variance = covariance[(i, i)];
+        // What is not a number is in no range.
+        if !(FLOOR..=CEILING).contains(&variance) {
+            covariance.fill_row(i, 0.0);
+            covariance.fill_column(i, 0.0);
+            covariance[(i, i)] = if variance < FLOOR { FLOOR } else { CEILING };
+        }
+    }
 }
 
 /// `P h`, skipping the zeros of which a row is mostly made.
@@ -153,6 +171,9 @@ pub(super) fn add_outer(covariance: &mut Covariance, v: &ErrorVector, k: f64) {
     for i in 0..STATES {
         covariance[(i, i)] = covariance[(i, i)].max(FLOOR);
     }
+    if k > 0.0 {
+        keep_sound(covariance);
+    }
 }
 
 /// `P <- G P G'` with `G = I - [half]x` on the attitude error.
@@ -185,6 +206,7 @@ pub(super) fn turn_attitude(covariance: &mut Covariance, half: &Vector3<f64>) {
             }
         }
     }
+    keep_sound(covariance);
 }
 
 /// Mean of both halves, and the floor.
@@ -197,6 +219,7 @@ pub(super) fn symmetrise(p: &mut Covariance) {
         }
         p[(i, i)] = p[(i, i)].max(FLOOR);
     }
+    keep_sound(p);
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ pub use predict::ProcessNoise;
 pub(crate) use predict::is_plausible;
 pub use update::Quality;
 
+use core::f64::consts::PI;
 use gate::Gate;
 use nalgebra::{SMatrix, SVector, Vector3};
 use vehicle::{ImuSample, In, Ned, Timestamp};
@@ -169,13 +170,16 @@ impl Filter {
         In::new(s(0), s(1), s(2))
     }
 
-    /// One standard deviation of yaw, rad.
+    /// One standard deviation of yaw, rad; at most a half turn, which says nothing. Nose straight up or down there is no yaw.
     #[must_use]
     pub fn yaw_std_rad(&self) -> f64 {
         let row = aid::yaw::observe(&self.state).row;
-        (row.transpose() * self.covariance * row)[(0, 0)]
-            .max(0.0)
-            .sqrt()
+        let variance = (row.transpose() * self.covariance * row)[(0, 0)];
+        if variance.is_finite() {
+            variance.max(0.0).sqrt().min(PI)
+        } else {
+            PI
+        }
     }
 
     /// What the gate of an aid has seen.

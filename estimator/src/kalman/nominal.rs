@@ -33,6 +33,10 @@ impl Default for Nominal {
 /// Squared angle below which the series of [`exp`] is exact to rounding, rad2.
 const SMALL_RAD2: f64 = 0.004;
 
+/// No inertial sensor is worse than this; what says so is another sensor that lies.
+const MAX_ACCEL_BIAS_MPS2: f64 = 5.0;
+const MAX_GYRO_BIAS_RADPS: f64 = 0.5;
+
 /// Rotation of a rotation vector, rad. The angles of one sample or one correction are small: their series needs no
 /// trigonometric function and equals it to rounding.
 #[inline]
@@ -47,6 +51,11 @@ pub(crate) fn exp(turn: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(w, s * turn.x, s * turn.y, s * turn.z))
 }
 
+/// Each component within plus and minus a limit.
+fn within(bias: Vector3<f64>, limit: f64) -> Vector3<f64> {
+    bias.map(|b| b.clamp(-limit, limit))
+}
+
 impl Nominal {
     /// Adds an error-state vector (boxplus).
     #[inline]
@@ -57,8 +66,8 @@ impl Nominal {
             position: self.position + part(POSITION),
             velocity: self.velocity + part(VELOCITY),
             attitude: self.attitude * exp(&part(ATTITUDE)),
-            accel_bias: self.accel_bias + part(ACCEL_BIAS),
-            gyro_bias: self.gyro_bias + part(GYRO_BIAS),
+            accel_bias: within(self.accel_bias + part(ACCEL_BIAS), MAX_ACCEL_BIAS_MPS2),
+            gyro_bias: within(self.gyro_bias + part(GYRO_BIAS), MAX_GYRO_BIAS_RADPS),
         }
     }
 
