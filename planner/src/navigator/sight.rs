@@ -229,7 +229,8 @@ impl Navigator {
             || self.open_m(from, to) < range_m
     }
 
-    /// The same for every direction within a reach (rad) of it: beside a corner the wall that was hit may be the near one.
+    /// The least that [`open_m`](Self::open_m) tells within an angle (rad) to each side: beside a corner the wall that was hit
+    /// may be the near one.
     fn surely_open_m(&self, from: In<Map>, towards: In<Map>, reach_rad: f64) -> f64 {
         let (dx, dy) = (towards.x() - from.x(), towards.y() - from.y());
         [-1.0, 0.0, 1.0]
