@@ -291,13 +291,18 @@ def test_fly_lends_its_line_to_a_configurator_and_takes_it_back():
     return "lent twice, taken back twice"
 
 
+def hears_hangup():
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def test_a_motor_test_ends_with_motors_standing_still_however_it_is_ended():
     """Ctrl-C, SIGTERM, and SIGHUP as from a terminal that is closed."""
     with Server("--serial-rate", "1000", "--baud", "1000000") as server:
         for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             command = [kestrel_harness.binary(), "fc", "motor-test", "--fc", server.url]
             command += ["--props-off", "--motor", "3", "--seconds", "20"]
-            running = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            # A terminal's child, also where the tests themselves run without one and ignore its end.
+            running = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=hears_hangup)
             assert "motor 3 at" in running.stdout.readline()
             time.sleep(0.3)
             running.send_signal(how)
