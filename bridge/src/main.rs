@@ -31,8 +31,17 @@ enum Command {
     Fly(cmd::fly::FlyArgs),
     /// Look at a flight controller on the bench, make it fit to fly by MSP.
     Fc(cmd::fc::FcArgs),
+    /// Turn the motors of a craft without flight controller by hand, on the bench.
+    #[command(
+        after_help = "Each line of standard input: four numbers, front left rear right. All above 45 start the motors (ramp of 2.4 s), a 0\n\
+        stops them; a line stands until the next. The end of the input and Ctrl-C stop them.\n\n\
+        Examples:\n  (echo 167 167 167 167; sleep 5) | kestrel motors\n  kestrel motors --radps\n  kestrel motors --bus i2c:///dev/i2c-2 --props-off"
+    )]
+    Motors(cmd::motors::MotorsArgs),
     /// Look into the protocol of flight controllers.
     Msp(cmd::msp::MspArgs),
+    /// Make and show keys of signed MAVLink links.
+    Keys(cmd::keys::KeysArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
@@ -51,7 +60,9 @@ fn main() -> ExitCode {
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
         Command::Fc(args) => cmd::fc::run(args),
+        Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),
+        Command::Keys(args) => cmd::keys::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),

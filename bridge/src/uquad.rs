@@ -3,6 +3,7 @@
 //! A craft that flies by motor speeds, or a recording of one. Sans-IO: frames with their time go in, one [`Step`] per reading comes out, and what a pilot should
 //! hear. `kestrel eval uquad` drives it.
 
+use crate::motor::SpeedRange;
 use control::integral::IntegralAction;
 use control::proportional::{ErrorLimits, Gains};
 use control::state_feedback::{StateFeedback, StateSetpoint};
@@ -18,11 +19,6 @@ use estimator::thesis::{
 };
 use nalgebra::Vector3;
 use vehicle::Timestamp;
-
-/// Fastest a motor turns, rad/s.
-const MAX_SPEED_RADPS: f64 = 387.0;
-/// Fastest the motor driver accepts (I2C 220), rad/s: the real limit.
-const DRIVER_SPEED_RADPS: f64 = 368.16;
 
 /// How the loop works.
 #[derive(Clone, Debug)]
@@ -104,8 +100,8 @@ impl UquadConfig {
 /// Slowest and fastest commanded speed around a hover speed, rad/s: as far below it as the fastest motor is above.
 #[must_use]
 pub fn speed_range(hover_radps: f64) -> (f64, f64) {
-    let slowest = (2.0 * hover_radps - MAX_SPEED_RADPS).clamp(0.0, DRIVER_SPEED_RADPS);
-    (slowest, DRIVER_SPEED_RADPS)
+    let range = SpeedRange::around(hover_radps);
+    (range.slowest_radps, range.fastest_radps)
 }
 
 /// Why a configuration is refused.
@@ -179,6 +175,7 @@ pub struct Uquad {
     period: SamplingPeriod,
     left_out: LeftOut,
     start: Start,
+    fix: Option<Vector3<f64>>,
     frames: u32,
     is_running: bool,
     is_stopped: bool,
@@ -226,6 +223,7 @@ impl Uquad {
             period: SamplingPeriod::default(),
             left_out: LeftOut::new(),
             start: config.start,
+            fix: None,
             frames: 0,
             is_running: false,
             is_stopped: false,
@@ -242,6 +240,24 @@ impl Uquad {
         let number = self.frames;
         self.frames = self.frames.saturating_add(1);
         self.imu.frame(now, frame);
+        self.turn(number, say)
+    }
+
+    /// Takes bytes of the inertial unit's line; answers when they made a step. Frames that queue up make one step: never fall behind.
+    pub fn bytes(
+        &mut self,
+        now: Timestamp,
+        bytes: &[u8],
+        say: &mut dyn FnMut(Said),
+    ) -> Option<Step> {
+        self.imu.bytes(now, bytes);
+        let number = self.frames;
+        let step = self.turn(number, say);
+        self.frames = self.frames.saturating_add(u32::from(step.is_some()));
+        step
+    }
+
+    fn turn(&mut self, number: u32, say: &mut dyn FnMut(Said)) -> Option<Step> {
         while let Some(event) = self.imu.poll() {
             say(Said::Imu(event));
         }
@@ -258,7 +274,8 @@ impl Uquad {
             say(Said::Stopped);
             return None;
         }
-        let input = ThesisInput::from(&reading);
+        let mut input = ThesisInput::from(&reading);
+        input.fix = self.fix.take();
         match self.filter.step(judged.used_s, &self.speeds_radps, &input) {
             Ok(left_out) => {
                 // Said when it begins, not with every frame.
@@ -305,6 +322,34 @@ impl Uquad {
         self.is_running
     }
 
+    /// Where it shall be, from the next step on.
+    pub const fn aim(&mut self, setpoint: StateSetpoint) {
+        self.setpoint = setpoint;
+    }
+
+    /// Where it shall be.
+    #[must_use]
+    pub const fn setpoint(&self) -> &StateSetpoint {
+        &self.setpoint
+    }
+
+    /// A position (x y z, m) for the next step: GPS, or the floor plan indoors.
+    pub const fn fix(&mut self, position_m: Vector3<f64>) {
+        self.fix = Some(position_m);
+    }
+
+    /// What the motors really turn at when it is not what the law asked for, rad/s: the filter's next step believes it.
+    pub const fn believe(&mut self, speeds_radps: [f64; 4]) {
+        self.speeds_radps = speeds_radps;
+    }
+
+    /// Forgets the integrals: before take-off they have summed up the floor.
+    pub fn reset_integrals(&mut self) {
+        if let Some(integral) = &mut self.law.integral {
+            integral.reset();
+        }
+    }
+
     /// True after ten timing errors.
     #[must_use]
     pub const fn is_stopped(&self) -> bool {
@@ -317,6 +362,8 @@ impl Uquad {
         &self.imu
     }
 }
+
+pub mod aircraft;
 
 #[cfg(test)]
 mod tests;

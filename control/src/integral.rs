@@ -72,6 +72,16 @@ pub struct Thresholds {
     pub accumulated: f64,
 }
 
+impl Thresholds {
+    /// x and y in a room: a craft a quarter of a metre away is under way. (The program's metre is one for GPS; a step of a metre would overshoot by
+    /// what it integrates on the way.)
+    pub const INDOOR_HORIZONTAL: Self = Self {
+        distance: 0.25,
+        per_sample: 2.5e-3,
+        accumulated: 2.0,
+    };
+}
+
 /// The integral of one error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Integral {
@@ -126,6 +136,7 @@ pub const COLUMNS_OF_XYZT: Columns = [
 pub struct IntegralAction {
     gains: SMatrix<f64, 4, 4>,
     columns: Columns,
+    thresholds: [Thresholds; 4],
     integrals: [Integral; 4],
 }
 
@@ -136,8 +147,25 @@ impl IntegralAction {
         Self {
             gains,
             columns,
+            thresholds: columns.map(Integrated::thresholds),
             integrals: [Integral::default(); 4],
         }
+    }
+
+    /// Other thresholds for one variable than the program's; nothing happens when it is not integrated.
+    #[must_use]
+    pub fn with_thresholds(mut self, variable: Integrated, thresholds: Thresholds) -> Self {
+        for (column, of) in self.columns.iter().zip(&mut self.thresholds) {
+            if *column == variable {
+                *of = thresholds;
+            }
+        }
+        self
+    }
+
+    /// Other gains, for the same columns; what is integrated stays.
+    pub const fn set_gains(&mut self, gains: SMatrix<f64, 4, 4>) {
+        self.gains = gains;
     }
 
     /// Reads a file of 4 x 4 numbers whose columns are in the order `columns`.
@@ -154,7 +182,7 @@ impl IntegralAction {
         let mut xi = SVector::<f64, 4>::zeros();
         for (i, variable) in self.columns.into_iter().enumerate() {
             let error = error[variable.state()];
-            xi[i] = self.integrals[i].add(error, dt_s, &variable.thresholds());
+            xi[i] = self.integrals[i].add(error, dt_s, &self.thresholds[i]);
         }
         (self.gains * xi).into()
     }

@@ -15,6 +15,7 @@
 //! | [`takeoff_land`] | spool-up until lift-off, descent, touch-down |
 //! | [`params`] | [`ControlParams`] |
 //! | [`state_feedback`] | uQuad's law, states to motor speeds: [`proportional`] gains and [`integral`] action |
+//! | [`lqr`] | optimal gains for it: linearise, discretise, solve |
 //!
 //! ```
 //! use control::{ControlParams, Controller, Phase};
@@ -38,6 +39,7 @@ pub mod altitude;
 pub mod controller;
 pub mod heading;
 pub mod integral;
+pub mod lqr;
 pub mod params;
 pub mod position;
 pub mod proportional;

@@ -23,7 +23,7 @@ pub const STATES: usize = 12;
 /// Index of theta, the one error that is an angle over more than a turn.
 const THETA: usize = 5;
 /// Columns of an 8-state gain file: z, psi, phi, theta, vqz, wqx, wqy, wqz.
-const REDUCED: [usize; 8] = [2, 3, 4, 5, 8, 9, 10, 11];
+pub(crate) const REDUCED: [usize; 8] = [2, 3, 4, 5, 8, 9, 10, 11];
 
 /// Numbers of a gain file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -6,6 +6,8 @@
     reason = "a test program prints its figures and fails where it stands"
 )]
 
+mod support;
+
 use estimator::imu::angles::URUGUAY_DECLINATION_RAD;
 use estimator::imu::fir::Fir;
 use estimator::imu::frame::{ALTERNATE_START, START};
@@ -24,19 +26,7 @@ use vehicle::Timestamp;
 const FIRST: usize = 200;
 
 fn folder() -> Option<PathBuf> {
-    let base = std::env::var_os("KESTREL_DATA").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let folder = base.join("uquad");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!(
-        "SKIPPED: no recordings at {} (set KESTREL_DATA)",
-        folder.display()
-    );
-    None
+    support::recorded("uquad")
 }
 
 struct Recording {

@@ -8,6 +8,7 @@
 //! Source: MAVLink guide, "Packet Serialization" and "Message Signing".
 
 use crate::message::Message;
+use crate::signing::{SIGNATURE_LEN, SigningKey};
 use crate::{Address, crc};
 use arrayvec::ArrayVec;
 use mavlink::{MavlinkVersion, MessageData};
@@ -15,7 +16,6 @@ use mavlink::{MavlinkVersion, MessageData};
 const STX_V1: u8 = 0xFE;
 const STX_V2: u8 = 0xFD;
 const SIGNED: u8 = 0x01;
-const SIGNATURE_LEN: usize = 13;
 /// Longest frame: v2, 255 bytes of payload, signed.
 pub const MAX_FRAME_LEN: usize = 10 + 255 + 2 + SIGNATURE_LEN;
 
@@ -86,7 +86,12 @@ impl Decoder {
     }
 
     /// Takes more bytes; calls `frame` for each frame they complete.
-    pub fn push(&mut self, mut bytes: &[u8], mut frame: impl FnMut(Frame)) {
+    pub fn push(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame)) {
+        self.push_wire(bytes, |f, _| frame(f));
+    }
+
+    /// [`Decoder::push`], with each frame's bytes as they came: what [`crate::signing`] judges.
+    pub fn push_wire(&mut self, mut bytes: &[u8], mut frame: impl FnMut(Frame, &[u8])) {
         while !bytes.is_empty() {
             let room = self.pending.remaining_capacity().min(bytes.len());
             let (now, later) = bytes.split_at(room);
@@ -100,6 +105,11 @@ impl Decoder {
     /// Nothing more belongs to the bytes pushed so far: for datagrams, where a frame never continues in the next one.
     /// What looked like the start of a longer frame is given up, and frames inside it are found.
     pub fn end_of_datagram(&mut self, mut frame: impl FnMut(Frame)) {
+        self.end_of_datagram_wire(|f, _| frame(f));
+    }
+
+    /// [`Decoder::end_of_datagram`], with each frame's bytes as they came.
+    pub fn end_of_datagram_wire(&mut self, mut frame: impl FnMut(Frame, &[u8])) {
         while !self.pending.is_empty() {
             self.counters.noise_bytes += 1;
             self.pending.drain(..1);
@@ -107,16 +117,16 @@ impl Decoder {
         }
     }
 
-    fn drain(&mut self, frame: &mut impl FnMut(Frame)) {
+    fn drain(&mut self, frame: &mut impl FnMut(Frame, &[u8])) {
         let mut at = 0;
         loop {
             match scan(&self.pending[at..], &mut self.counters) {
                 Scan::Wait => break,
                 Scan::Skip(n) => at += n,
                 Scan::Frame(n, f) => {
-                    at += n;
                     self.counters.frames += 1;
-                    frame(f);
+                    frame(f, &self.pending[at..at + n]);
+                    at += n;
                 }
             }
         }
@@ -224,7 +234,7 @@ impl Encoder {
     pub fn encode<D: MessageData>(&mut self, message: &D) -> FrameBytes {
         let mut payload = [0u8; 255];
         let n = message.ser(MavlinkVersion::V2, &mut payload);
-        self.frame(D::ID, D::EXTRA_CRC, &payload[..n])
+        self.frame(D::ID, D::EXTRA_CRC, &payload[..n], 0)
     }
 
     /// One message as a frame.
@@ -232,15 +242,35 @@ impl Encoder {
         let mut payload = [0u8; 255];
         let n = message.write_payload(&mut payload);
         let id = message.id();
-        self.frame(id, Message::crc_extra(id).unwrap_or(0), &payload[..n])
+        self.frame(id, Message::crc_extra(id).unwrap_or(0), &payload[..n], 0)
     }
 
-    fn frame(&mut self, id: u32, crc_extra: u8, payload: &[u8]) -> FrameBytes {
+    /// One message as a signed frame; `stamp` is from [`SigningState::stamp`](crate::signing::SigningState::stamp).
+    pub fn encode_signed(
+        &mut self,
+        message: &Message,
+        key: &SigningKey,
+        link_id: u8,
+        stamp: u64,
+    ) -> FrameBytes {
+        let mut payload = [0u8; 255];
+        let n = message.write_payload(&mut payload);
+        let id = message.id();
+        let extra = Message::crc_extra(id).unwrap_or(0);
+        let mut out = self.frame(id, extra, &payload[..n], SIGNED);
+        out.push(link_id);
+        out.extend(stamp.to_le_bytes().into_iter().take(6));
+        let tag = key.tag(&out);
+        out.extend(tag);
+        out
+    }
+
+    fn frame(&mut self, id: u32, crc_extra: u8, payload: &[u8], flags: u8) -> FrameBytes {
         let [id0, id1, id2, _] = id.to_le_bytes();
         let header = [
             STX_V2,
             payload.len() as u8,
-            0,
+            flags,
             0,
             self.sequence,
             self.from.system,

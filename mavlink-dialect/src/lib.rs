@@ -8,6 +8,7 @@
 //! | [`mode`] | flight modes as PX4 `custom_mode` and as standard modes |
 //! | [`command`] | MAV_CMD numbers and results |
 //! | [`mission_item`] | mission items typed, or the reason why not |
+//! | [`signing`] | MAVLink 2 signatures: keys, checks, time stamps |
 //! | [`address`] | [`Address`]: (system, component) |
 //! | [`raw`] | raw twins of messages whose enumerations a peer may exceed, generated from `kestrel.xml` |
 //! | [`standard`] | the standard dialect (`development`, which contains `common`) |
@@ -33,6 +34,7 @@ pub mod crc;
 pub mod message;
 pub mod mission_item;
 pub mod mode;
+pub mod signing;
 
 /// The standard dialect: `development`, which contains `common`, `standard` and `minimal`.
 pub use mavlink::dialects::development as standard;

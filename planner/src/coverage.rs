@@ -12,6 +12,8 @@ use vehicle::angle::shortest_turn;
 const FRESH_S: f64 = 0.8;
 /// A direction of the world counts as looked into for this long, s: at 0.7 m/s what was there is then still ahead.
 const KNOWN_S: f64 = 1.2;
+/// Share of a new pause in their mean.
+const PERIOD_SHARE: f64 = 0.05;
 /// A person is kept at least this far inside a looked-into run of sectors.
 const INSIDE_SECTORS: usize = 3;
 
@@ -21,6 +23,8 @@ pub struct Coverage {
     seen_at: [Option<Timestamp>; SECTORS],
     /// The same by sectors of the world, clockwise from north.
     known_at: [Option<Timestamp>; SECTORS],
+    /// Longest pause between two looks of a ranger that still looks, s; fades.
+    period_s: f64,
 }
 
 impl Default for Coverage {
@@ -28,6 +32,7 @@ impl Default for Coverage {
         Self {
             seen_at: [None; SECTORS],
             known_at: [None; SECTORS],
+            period_s: 0.0,
         }
     }
 }
@@ -37,8 +42,43 @@ impl Coverage {
     /// pointed to `yaw_rad` (clockwise from north).
     pub fn mark(&mut self, at: Timestamp, bearing_rad: f64, half_cone_rad: f64, yaw_rad: f64) {
         let reach = half_cone_rad + 0.5 * SECTOR_RAD;
+        let pause_s = self.seen_at[sector_of(bearing_rad)].map_or(0.0, |t| at.seconds_since(t));
+        if pause_s > 0.0 && pause_s < FRESH_S {
+            self.period_s += PERIOD_SHARE * (pause_s - self.period_s);
+        }
         mark_sectors(&mut self.seen_at, at, bearing_rad, reach);
         mark_sectors(&mut self.known_at, at, bearing_rad + yaw_rad, reach);
+    }
+
+    /// Mean pause between two looks of the same ranger, s.
+    #[must_use]
+    pub const fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// True if the whole cone around a direction of the world (clockwise from north, half an angle to each side, rad) has
+    /// been looked into lately.
+    #[must_use]
+    pub fn knows_cone(&self, now: Timestamp, direction_rad: f64, half_rad: f64) -> bool {
+        let n = libm::ceil(half_rad / SECTOR_RAD) as i32;
+        (-n..=n).all(|k| {
+            self.knows(
+                now,
+                direction_rad + half_rad * f64::from(k) / f64::from(n.max(1)),
+            )
+        })
+    }
+
+    /// True if the rangers look into the whole cone around the nose without turning.
+    #[must_use]
+    pub fn covers_nose(&self, now: Timestamp, half_rad: f64) -> bool {
+        let n = libm::floor(half_rad / SECTOR_RAD) as i32;
+        (-n..=n).all(|k| {
+            self.fresh(
+                now,
+                sector_of((f64::from(k) + 0.5 * f64::from(k.signum())) * SECTOR_RAD),
+            )
+        })
     }
 
     /// True if a direction of the world (clockwise from north, rad) has been looked into lately, whatever the nose did since.

@@ -11,10 +11,12 @@
 //! | [`route`] | [`Router`]: A* on the inflated plan |
 //! | [`navigator`] | [`Navigator`]: goal and state to [`vehicle::Setpoint`]; the limiter of manual flight |
 //! | [`vfh`] | certainty grid, polar histogram, openings, steering |
+//! | [`potential`] | potential fields, SNSI's first planner, for comparison |
 //! | [`tracks`] | people: what moves and is not on the plan |
 //! | [`evade`] | where to step aside |
 //! | [`coverage`] | which directions the rangers look into |
 //! | [`params`] | [`PlannerParams`] |
+//! | [`episode`] | a flight through obstacles nobody knows of: `kestrel eval avoid`, the BARN campaign |
 //!
 //! ```
 //! use planner::{Goal, Navigator, PlannerParams, SteeringState, VfhParams};
@@ -44,10 +46,12 @@
 //! and B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968.
 
 pub mod coverage;
+pub mod episode;
 pub mod evade;
 pub mod mission;
 pub mod navigator;
 pub mod params;
+pub mod potential;
 pub mod route;
 pub mod tracks;
 pub mod vfh;

@@ -21,6 +21,14 @@ const CELL_MIN_M: f64 = 0.05;
 const SNAP_M: f64 = 1.2;
 /// A straight shortcut may cost this much more than the way it replaces.
 const SHORTCUT_SLACK: f64 = 1.01;
+/// Room between hull and seen obstacles below which a place is tight, and below which it is closed, m.
+const SEEN_TIGHT_M: f64 = 0.1;
+const SEEN_CLOSED_M: f64 = 0.02;
+/// Cost per metre of a tight place: a gap that looks too narrow from afar is gone to and looked at, but only when the way
+/// round is some metres longer.
+const TIGHT_COST: f32 = 15.0;
+/// Seen obstacles make a cell dearer this far beyond the margin, m.
+const SEEN_SOFT_M: f64 = 0.3;
 /// Distances beyond this do not matter for the clearance cost, m.
 const CLEARANCE_MAX_M: f64 = 2.0;
 
@@ -64,9 +72,12 @@ pub struct Router {
     clearance_m: Vec<f32>,
     /// Per cell: cost per metre; infinite where it may not be crossed.
     cost: Vec<f32>,
-    /// Cells blocked for this search only.
-    blocked: Vec<bool>,
-    blocked_list: Vec<u32>,
+    /// Per cell: what the obstacles of the last search make of it, cost per metre; infinite where they block it. Kept until
+    /// the next search: the way is followed by what it was found with.
+    seen_cost: Vec<f32>,
+    /// Squared distance to the nearest of them, m2.
+    seen_m2: Vec<f32>,
+    seen_cells: Vec<u32>,
     best: Vec<f32>,
     parent: Vec<u32>,
     /// Search in which a cell was last touched: saves clearing the arrays.
@@ -112,8 +123,9 @@ impl Router {
             is_narrow: false,
             cost: vec![f32::INFINITY; n],
             clearance_m,
-            blocked: vec![false; n],
-            blocked_list: Vec::with_capacity(n),
+            seen_cost: vec![0.0; n],
+            seen_m2: vec![f32::INFINITY; n],
+            seen_cells: Vec::with_capacity(n),
             best: vec![0.0; n],
             parent: vec![0; n],
             stamp: vec![0; n],
@@ -181,7 +193,7 @@ impl Router {
     /// True if the vehicle can fly straight from one point to another within the route's margins.
     #[must_use]
     pub fn sees(&self, a: In<Map>, b: In<Map>) -> bool {
-        self.line_cost(a, b).is_finite()
+        self.line_cost(a, b, TIGHT_COST).is_finite()
     }
 
     /// The way from a place to another, around walls and around `obstacles` (points seen but not on the plan).
@@ -220,20 +232,21 @@ impl Router {
         to: In<Map>,
         obstacles: &[In<Map>],
     ) -> Result<Path, RouteError> {
-        self.block(obstacles, from);
-        let found = self.search(from, to);
-        for i in self.blocked_list.drain(..) {
-            self.blocked[i as usize] = false;
-        }
-        found
+        self.lay_seen(obstacles, from);
+        self.search(from, to)
     }
 
-    fn block(&mut self, obstacles: &[In<Map>], from: In<Map>) {
+    /// Lays the costs of obstacles: what is closed, what is tight, and beyond that as beside a wall.
+    fn lay_seen(&mut self, obstacles: &[In<Map>], from: In<Map>) {
+        for i in self.seen_cells.drain(..) {
+            (self.seen_cost[i as usize], self.seen_m2[i as usize]) = (0.0, f32::INFINITY);
+        }
+        let soft_m = self.reach_m + SEEN_SOFT_M;
+        let n = libm::ceil(soft_m / self.grid.cell_m) as i64;
         // A vehicle next to an obstacle must be able to leave it.
+        let mut nearest_m = f64::INFINITY;
         for o in obstacles {
-            let away = libm::hypot(o.x() - from.x(), o.y() - from.y());
-            let reach = self.reach_m.min(away - self.grid.cell_m);
-            let n = libm::ceil(self.reach_m / self.grid.cell_m) as i64;
+            nearest_m = nearest_m.min(libm::hypot(o.x() - from.x(), o.y() - from.y()));
             let (c0, r0) = self.grid.column_row(*o);
             for r in r0 - n..=r0 + n {
                 for c in c0 - n..=c0 + n {
@@ -241,18 +254,39 @@ impl Router {
                         continue;
                     };
                     let centre = self.grid.centre(i);
-                    let d = libm::hypot(centre.x() - o.x(), centre.y() - o.y());
-                    if d < reach && !self.blocked[i as usize] {
-                        self.blocked[i as usize] = true;
-                        self.blocked_list.push(i);
+                    let (dx, dy) = (centre.x() - o.x(), centre.y() - o.y());
+                    let d2 = (dx * dx + dy * dy) as f32;
+                    let nearest = &mut self.seen_m2[i as usize];
+                    if d2 < *nearest {
+                        if nearest.is_infinite() {
+                            self.seen_cells.push(i);
+                        }
+                        *nearest = d2;
                     }
                 }
             }
         }
+        let closed_m = (self.radius_m + SEEN_CLOSED_M).min(nearest_m - self.grid.cell_m);
+        let tight_m = self.radius_m + SEEN_TIGHT_M;
+        for i in &self.seen_cells {
+            let d = f64::from(self.seen_m2[*i as usize]).sqrt();
+            self.seen_cost[*i as usize] = if d < closed_m {
+                f32::INFINITY
+            } else if d < tight_m {
+                TIGHT_COST
+            } else {
+                (1.0 + self.clearance_weight * libm::exp(-3.0 * (d - self.reach_m))) as f32
+            };
+        }
+    }
+
+    /// Cost per metre of a cell.
+    fn cost_of(&self, i: u32) -> f32 {
+        self.cost[i as usize].max(self.seen_cost[i as usize])
     }
 
     fn passable(&self, i: u32) -> bool {
-        self.cost[i as usize].is_finite() && !self.blocked[i as usize]
+        self.cost_of(i).is_finite()
     }
 
     fn search(&mut self, from: In<Map>, to: In<Map>) -> Result<Path, RouteError> {
@@ -292,7 +326,7 @@ impl Router {
                 } else {
                     1.0
                 } * cell_m;
-                let per_m = 0.5 * (self.cost[node.cell as usize] + self.cost[next as usize]);
+                let per_m = 0.5 * (self.cost_of(node.cell) + self.cost_of(next));
                 let so_far = node.so_far + length * per_m;
                 let seen = self.stamp[next as usize] == self.search;
                 if !seen || so_far < self.best[next as usize] {
@@ -410,12 +444,13 @@ impl Router {
         let straight = self.line_cost(
             self.grid.centre(self.cells[i]),
             self.grid.centre(self.cells[j]),
+            f32::INFINITY,
         );
         straight <= along * SHORTCUT_SLACK
     }
 
-    /// Cost of flying straight; infinite if a cell on the line may not be crossed.
-    fn line_cost(&self, a: In<Map>, b: In<Map>) -> f64 {
+    /// Cost of flying straight; infinite if a cell on the line may not be crossed or costs too much.
+    fn line_cost(&self, a: In<Map>, b: In<Map>, below: f32) -> f64 {
         let length = libm::hypot(b.x() - a.x(), b.y() - a.y());
         let steps = libm::ceil(length / (0.5 * self.grid.cell_m)).max(1.0);
         let mut sum = 0.0;
@@ -427,13 +462,13 @@ impl Router {
                 0.0,
             );
             match self.grid.index(p) {
-                Some(i) if self.passable(i) => {
+                Some(i) if self.cost_of(i) < below => {
                     let end = if k == 0 || k == steps as usize {
                         0.5
                     } else {
                         1.0
                     };
-                    sum += end * f64::from(self.cost[i as usize]);
+                    sum += end * f64::from(self.cost_of(i));
                 }
                 _ => return f64::INFINITY,
             }

@@ -16,6 +16,8 @@
 //! | [`firmware`] | packets of Betaflight's simulator build, for the real firmware in place of the fake one |
 //! | [`sensor`] | one file per sensor, each with the table of faults it follows |
 //! | [`imu_board`] | firmware of uQuad's inertial unit and a bench with simulated chips |
+//! | [`esc_bus`] | speed controllers of uQuad's motors on a simulated I2C bus |
+//! | [`motor_craft`] | uQuad's airframe, commanded in motor speeds |
 //! | `craft`, `controller`, `noise` | one vehicle put together; what drives its motors; seeded streams, one per purpose |
 //!
 //! Positions are NED about the plan's home, whatever the start; plan coordinates are metres as drawn.
@@ -26,10 +28,12 @@
 pub mod config;
 mod controller;
 mod craft;
+pub mod esc_bus;
 pub mod fc;
 pub mod firmware;
 mod geometry;
 pub mod imu_board;
+pub mod motor_craft;
 mod noise;
 mod quad;
 pub mod room;
@@ -40,7 +44,9 @@ mod walls;
 mod world;
 
 pub use config::{INDOOR_TURBULENCE_N, SimConfig, SimError, VehicleConfig};
+pub use esc_bus::{BusWrite, EscBus};
 pub use fc::{Delivery, FcConfig, Manner, Radio};
+pub use motor_craft::MotorCraft;
 pub use room::{Door, DoorFacts, Place, Room, RoomError, RoomFacts};
 pub use simulator::{Fault, STEP, SimOutput, Simulator, Truth};
 pub use walker::{PERSON_HEIGHT_M, PERSON_RADIUS_M, Then, Walker};

@@ -8,19 +8,12 @@
 )]
 
 use bridge::station::{return_home, take_off, waypoint};
-use flight_tests::{Flight, Scenario, modes};
+use flight_tests::{Flight, Scenario, modes, places};
 use sim::Manner;
 
 /// Four waypoints through two doors and back: the two rooms nearest to home.
 fn tour() -> Vec<[f64; 2]> {
-    let facts = sim::Room::named("office").unwrap().facts();
-    let mut places: Vec<[f64; 2]> = facts
-        .rooms
-        .iter()
-        .map(|r| r.ned_m)
-        .filter(|p| p[0].hypot(p[1]) > 1.0)
-        .collect();
-    places.sort_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])));
+    let places = places("office");
     vec![places[0], places[1], places[2], places[0]]
 }
 

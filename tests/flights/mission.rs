@@ -7,19 +7,12 @@
 )]
 
 use bridge::station::{return_home, take_off, waypoint};
-use flight_tests::{Errors, Flight, Scenario, modes};
+use flight_tests::{Errors, Flight, Scenario, modes, places};
 use std::time::Instant;
 
 /// Six waypoints from home through two doors and back, NED about home: places and door centres of the office.
 fn tour() -> Vec<[f64; 2]> {
-    let facts = sim::Room::named("office").unwrap().facts();
-    let mut places: Vec<[f64; 2]> = facts
-        .rooms
-        .iter()
-        .map(|r| r.ned_m)
-        .filter(|p| p[0].hypot(p[1]) > 1.0)
-        .collect();
-    places.sort_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])));
+    let places = places("office");
     // Out and back over the nearest rooms: every leg between rooms passes doors.
     let p = &places;
     vec![p[0], p[1], p[2], p[3], p[2], p[0]]

@@ -50,6 +50,24 @@ pub mod modes {
     pub const OFFBOARD: Px4Mode = Px4Mode { main: 6, sub: 0 };
 }
 
+/// The rooms of a bundled room's plan away from home, nearest first: north, east about home, m.
+///
+/// # Panics
+/// If there is no such room.
+#[must_use]
+pub fn places(room: &str) -> Vec<[f64; 2]> {
+    let facts = Room::named(room).expect("a bundled room").facts();
+    let from_home_m = |p: &[f64; 2]| p[0].hypot(p[1]);
+    let mut places: Vec<[f64; 2]> = facts
+        .rooms
+        .iter()
+        .map(|r| r.ned_m)
+        .filter(|p| from_home_m(p) > 1.0)
+        .collect();
+    places.sort_by(|a, b| from_home_m(a).total_cmp(&from_home_m(b)));
+    places
+}
+
 /// What to fly.
 #[derive(Clone, Debug)]
 pub struct Scenario {

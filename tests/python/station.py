@@ -348,38 +348,40 @@ class Station:
 
     # -- missions -----------------------------------------------------------------------------------------------------
 
-    def upload(self, items, expect=mav.MAV_MISSION_ACCEPTED, within_s=10.0):
-        """Uploads mission items (see `waypoint`); returns the MISSION_ACK, which must be `expect` unless that is None."""
-        with self.listen("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK") as mailbox:
+    def upload(self, items, expect=mav.MAV_MISSION_ACCEPTED, within_s=10.0, kind=0):
+        """Uploads mission items (see `waypoint`), a fence (kind 1) or rally points (kind 2); returns the MISSION_ACK, which
+        must be `expect` unless that is None."""
+        is_ours = lambda m: m.mission_type == kind  # noqa: E731
+        with self.listen("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK", when=is_ours) as mailbox:
             with self.sending() as out:
-                out.mission_count_send(1, 1, len(items), 0)
+                out.mission_count_send(1, 1, len(items), kind)
             while True:
                 message = self.take(mailbox, within_s, "mission request or MISSION_ACK")
                 if message.get_type() == "MISSION_ACK":
                     break
                 assert message.get_type() == "MISSION_REQUEST_INT", "asks by the deprecated MISSION_REQUEST"
                 with self.sending() as out:
-                    out.mission_item_int_send(1, 1, message.seq, *items[message.seq])
+                    out.mission_item_int_send(1, 1, message.seq, *items[message.seq], kind)
         names = mav.enums["MAV_MISSION_RESULT"]
         assert expect is None or message.type == expect, (
             f"MISSION_ACK {names[message.type].name}, expected {names[expect].name}; {self.describe()}"
         )
         return message
 
-    def download(self, within_s=5.0):
-        """Downloads the mission: a list of MISSION_ITEM_INT."""
+    def download(self, within_s=5.0, kind=0):
+        """Downloads the mission, the fence (kind 1) or the rally points (kind 2): a list of MISSION_ITEM_INT."""
         items = []
-        with self.listen("MISSION_COUNT", "MISSION_ITEM_INT") as mailbox:
+        with self.listen("MISSION_COUNT", "MISSION_ITEM_INT", when=lambda m: m.mission_type == kind) as mailbox:
             with self.sending() as out:
-                out.mission_request_list_send(1, 1, 0)
+                out.mission_request_list_send(1, 1, kind)
             count = self.take(mailbox, within_s, "MISSION_COUNT").count
             while len(items) < count:
                 with self.sending() as out:
-                    out.mission_request_int_send(1, 1, len(items), 0)
+                    out.mission_request_int_send(1, 1, len(items), kind)
                 items.append(self.take(mailbox, within_s, f"mission item {len(items)}"))
                 assert items[-1].seq == len(items) - 1
             with self.sending() as out:
-                out.mission_ack_send(1, 1, 0, 0)
+                out.mission_ack_send(1, 1, 0, kind)
         return items
 
 

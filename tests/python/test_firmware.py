@@ -233,6 +233,7 @@ def test_provision():
     with the_firmware() as program:
         with msp.Firmware(program, folder) as firmware:
             fc = bench(firmware)
+            firmware.make_sure_it_runs()
             with msp.Msp() as line:
                 line.ask(msp.EEPROM_WRITE)  # an empty eeprom has the defaults in it from now on
             before = msp.settings(eeprom)
@@ -281,9 +282,11 @@ def armed_is_refused(firmware, saved):
     time.sleep(6.0)  # boot grace
     firmware.channels[4] = 2000
     with msp.Msp() as line:
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + 20.0
         while not (armed := line.ask(msp.STATUS)[6] & 1) and time.monotonic() < end:
-            time.sleep(0.1)
+            # A switch thrown before the firmware is ready bars arming until it was low again.
+            firmware.channels[4] = 3000 - firmware.channels[4]
+            time.sleep(0.5)
         assert armed, f"does not arm: {line.ask(msp.STATUS).hex()}"
     for order in (["provision"], ["restore", saved]):
         refused = fc(*order, "--fc", FC, "--yes")

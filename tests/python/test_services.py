@@ -18,7 +18,7 @@ def test_handshake_of_a_ground_station():
         beat = station.latest["HEARTBEAT"]
         assert (beat.type, beat.autopilot) == (mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_PX4)
         version = station.request(148)
-        assert version.capabilities & 0xE9FD & 0x10 and not version.capabilities & 0x20000, hex(version.capabilities)
+        assert version.capabilities == 0xE9FD, hex(version.capabilities)
         assert version.flight_sw_version >= 0x01040100 and version.uid
         wanted = set()
         with station.listen("AVAILABLE_MODES") as mailbox:
@@ -28,7 +28,7 @@ def test_handshake_of_a_ground_station():
             while len(wanted) < first.number_modes:
                 wanted.add(station.take(mailbox, what=f"all {first.number_modes} AVAILABLE_MODES").mode_index)
         assert wanted == set(range(1, first.number_modes + 1))
-        station.command(mav.MAV_CMD_REQUEST_MESSAGE, 397, expect=("ACCEPTED", "UNSUPPORTED", "DENIED", "FAILED"))
+        station.command(mav.MAV_CMD_REQUEST_MESSAGE, 397)
         values = list_params(station)
         for mission_type in (0, 1, 2):
             with station.listen("MISSION_COUNT", when=lambda m, kind=mission_type: m.mission_type == kind) as mailbox:

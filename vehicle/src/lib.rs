@@ -11,7 +11,7 @@
 //! | [`ring`] | the ring of range finders as a table: [`RingConfig`] |
 //! | [`state`] | what the estimator knows: [`NavState`] |
 //! | [`setpoint`], [`sticks`] | what the vehicle shall do: [`Setpoint`], [`Sticks`] |
-//! | [`airframe`] | mass, size, thrust: [`Airframe`] |
+//! | [`airframe`], [`uquad`] | mass, size, thrust: [`Airframe`], [`UquadAirframe`] |
 //! | [`floor_plan`] | walls: [`FloorPlan`] |
 //! | [`param`] | the [`params!`] table |
 //!
@@ -36,6 +36,7 @@ pub mod setpoint;
 pub mod state;
 pub mod sticks;
 pub mod time;
+pub mod uquad;
 
 pub use airframe::Airframe;
 pub use floor_plan::{FloorPlan, PlanError, Segment};
@@ -50,3 +51,4 @@ pub use setpoint::{Heading, Setpoint};
 pub use state::{Localization, LocalizationState, NavHealth, NavState};
 pub use sticks::Sticks;
 pub use time::{Pace, Timestamp};
+pub use uquad::UquadAirframe;

@@ -2,20 +2,26 @@
 
 use super::door::{Answer, Asked, Event, Request, Severity, Snapshot};
 use crate::gcs::command::CommandService;
+use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
+use crate::gcs::fence::FenceWatch;
+use crate::gcs::ftp::FtpService;
 use crate::gcs::keys::KeyConsole;
+use crate::gcs::log_transfer::LogService;
 use crate::gcs::manual::ManualService;
 use crate::gcs::mission::MissionService;
 use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
 use crate::gcs::setpoint::SetpointService;
+use crate::gcs::signing::{self, LinkSigning};
 use crate::gcs::telemetry::Telemetry;
 use crate::gcs::text::{TextService, Told};
 use crate::gcs::{Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer};
-use crate::gcs::{ftp, heartbeat::Heartbeat, log_transfer, origin, time_sync};
+use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
+use mavlink_dialect::signing::SigningKey;
 use mavlink_dialect::{Address, DecodeCounters, Decoder, Encoder, Frame, FrameBytes, Message};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -41,7 +47,7 @@ pub struct GroundConfig {
     pub airframe: Airframe,
     /// UTC at boot, us; 0 unknown.
     pub boot_utc_us: u64,
-    /// What an earlier run had kept: the mission.
+    /// What an earlier run had kept: mission, fence, rally points.
     pub documents: Vec<Document>,
 }
 
@@ -50,6 +56,8 @@ pub struct GroundConfig {
 pub enum GroundOutput {
     /// Keep a document on disk.
     Keep(Document),
+    /// Do something on the disk; [`Ground::disk`] takes the answer.
+    Disk(Ticket, DiskJob),
     /// Ask the vehicle.
     Request(Asked),
     /// Send one frame on a link.
@@ -98,6 +106,8 @@ pub struct GroundCounters {
     pub suppressed_texts: u64,
     /// Bytes on links that could not come up.
     pub stray_bytes: u64,
+    /// Frames on signed links whose signature was missing, wrong or used before.
+    pub rejected_signatures: u64,
 }
 
 /// Everything that speaks MAVLink, as one pure machine.
@@ -124,12 +134,17 @@ pub struct Ground {
     manual: ManualService,
     setpoint: SetpointService,
     keys: KeyConsole,
+    signing: LinkSigning,
+    fence: FenceWatch,
+    ftp: FtpService,
+    logs: LogService,
     next_service: Timestamp,
 
     out: Outbox,
     queue: OutQueue,
     requests: VecDeque<Asked>,
     documents: VecDeque<Document>,
+    jobs: VecDeque<(Ticket, DiskJob)>,
     /// A message for all links and the next one it goes to.
     sending: Option<(Outgoing, usize)>,
     dropped_requests: u64,
@@ -179,27 +194,37 @@ impl Ground {
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
             keys: KeyConsole::new(),
+            signing: LinkSigning::new(),
+            fence: FenceWatch::new(),
+            ftp: FtpService::new(),
+            logs: LogService::new(),
             next_service: Timestamp::ZERO,
             out: Outbox::default(),
             queue: OutQueue::new(),
             requests: VecDeque::new(),
             documents: VecDeque::new(),
+            jobs: VecDeque::new(),
             sending: None,
             dropped_requests: 0,
             stray_bytes: 0,
             settings,
         };
-        for document in documents
-            .iter()
-            .filter(|d| d.name == crate::gcs::mission::DOCUMENT)
-        {
+        for document in &documents {
+            if document.name == signing::DOCUMENT {
+                ground.signing.restore(&document.bytes);
+            }
             let ctx = context!(ground);
             ground
                 .mission
-                .restore(Timestamp::ZERO, &document.bytes, &ctx, &mut ground.out);
+                .restore_document(Timestamp::ZERO, document, &ctx, &mut ground.out);
         }
         ground.drain(Timestamp::ZERO, Class::Answer);
         ground
+    }
+
+    /// Keys that the links of each endpoint are signed with, by number of the endpoint ([`LinkId::of`]); none = unsigned.
+    pub fn set_keys(&mut self, keys: Vec<Option<SigningKey>>) {
+        self.signing.set_keys(keys);
     }
 
     /// A link came up: it is greeted with a heartbeat and gets telemetry. False if there are too many.
@@ -229,6 +254,8 @@ impl Ground {
         self.links.retain(|l| l.id != link);
         self.telemetry.link_down(link);
         self.params.link_down(link);
+        self.ftp.link_down(link);
+        self.logs.link_down(link);
         self.router.link_down(link);
         self.queue.forget(link);
     }
@@ -244,9 +271,9 @@ impl Ground {
             return;
         };
         let mut decoder = core::mem::take(&mut self.links[at].decoder);
-        decoder.push(bytes, |frame| self.take(now, link, &frame));
+        decoder.push_wire(bytes, |frame, wire| self.take(now, link, &frame, wire));
         if is_datagram {
-            decoder.end_of_datagram(|frame| self.take(now, link, &frame));
+            decoder.end_of_datagram_wire(|frame, wire| self.take(now, link, &frame, wire));
         }
         self.links[at].decoder = decoder;
     }
@@ -257,6 +284,13 @@ impl Ground {
         let _ = self.mission.answer(now, answer, &ctx, &mut self.out)
             || self.command.answer(now, answer, &ctx, &mut self.out)
             || self.keys.answer(now, answer, &ctx, &mut self.out);
+        self.drain(now, Class::Answer);
+    }
+
+    /// The disk answered a job.
+    pub fn disk(&mut self, now: Timestamp, ticket: Ticket, reply: &DiskReply) {
+        let _ = self.ftp.disk(now, ticket, reply, &mut self.out)
+            || self.logs.disk(now, ticket, reply, &mut self.out);
         self.drain(now, Class::Answer);
     }
 
@@ -282,6 +316,9 @@ impl Ground {
     pub fn snapshot(&mut self, now: Timestamp, snapshot: &Snapshot) {
         self.telemetry.observe(now, snapshot);
         self.snapshot.clone_from(snapshot);
+        let (items, id) = (self.mission.fence_items(), self.mission.plan_ids().fence);
+        self.fence
+            .look(now, items, id, &context!(self), &mut self.out);
         self.beat(now);
     }
 
@@ -289,6 +326,8 @@ impl Ground {
     pub fn tick(&mut self, now: Timestamp) {
         self.beat(now);
         self.params.tick(now, &context!(self), &mut self.out);
+        self.ftp.tick(now, &mut self.out);
+        self.logs.tick(now, &context!(self), &mut self.out);
         self.drain(now, Class::Answer);
         if now >= self.next_service {
             self.next_service = now + SERVICE_PERIOD;
@@ -296,6 +335,7 @@ impl Ground {
             self.mission.tick(now, &ctx, &mut self.out);
             self.command.tick(now, &ctx, &mut self.out);
             self.keys.tick(now, &ctx, &mut self.out);
+            self.signing.tick(now, &ctx, &mut self.out);
             self.telemetry.set_plan_ids(self.mission.plan_ids());
             self.drain(now, Class::Answer);
         }
@@ -308,9 +348,14 @@ impl Ground {
             .next_service
             .min(self.heartbeat.deadline())
             .min(self.telemetry.deadline());
-        self.params
-            .deadline()
-            .map_or(deadline, |params| params.min(deadline))
+        [
+            self.params.deadline(),
+            self.ftp.deadline(),
+            self.logs.deadline(),
+        ]
+        .into_iter()
+        .flatten()
+        .fold(deadline, Timestamp::min)
     }
 
     /// The next thing to do; requests to the vehicle first.
@@ -337,12 +382,17 @@ impl Ground {
             link.sent += 1;
             let send = GroundOutput::Send {
                 link: link.id,
-                bytes: link.encoder.encode_message(&outgoing.message),
+                bytes: self
+                    .signing
+                    .encode(link.id, &mut link.encoder, &outgoing.message),
             };
             if outgoing.to == Destination::All {
                 self.sending = Some((outgoing, at + 1));
             }
             return Some(send);
+        }
+        if let Some((ticket, job)) = self.jobs.pop_front() {
+            return Some(GroundOutput::Disk(ticket, job));
         }
         self.documents.pop_front().map(GroundOutput::Keep)
     }
@@ -379,6 +429,7 @@ impl Ground {
             dropped_requests: self.dropped_requests,
             suppressed_texts: self.text.suppressed(),
             stray_bytes: self.stray_bytes,
+            rejected_signatures: self.signing.rejected(),
         }
     }
 
@@ -394,7 +445,14 @@ impl Ground {
     }
 
     /// One frame of a link.
-    fn take(&mut self, now: Timestamp, link: LinkId, frame: &Frame) {
+    fn take(&mut self, now: Timestamp, link: LinkId, frame: &Frame, wire: &[u8]) {
+        let ctx = context!(self);
+        if !self
+            .signing
+            .admits(now, link, frame, wire, &ctx, &mut self.out)
+        {
+            return self.drain(now, Class::Answer);
+        }
         if self.router.judge(now, link, frame) != Verdict::ForUs {
             return;
         }
@@ -422,8 +480,8 @@ impl Ground {
         self.keys.handle(now, from, message, &ctx, out);
         origin::handle(now, from, message, &ctx, out);
         time_sync::handle(now, from, message, out);
-        ftp::handle(from, message, out);
-        log_transfer::handle(from, message, out);
+        self.ftp.handle(now, from, message, &ctx, out);
+        self.logs.handle(now, from, message, &ctx, out);
         self.telemetry.set_plan_ids(self.mission.plan_ids());
     }
 
@@ -449,6 +507,8 @@ impl Ground {
         for outgoing in self.out.messages.drain(..).filter(|_| has_links) {
             self.queue.push(class, outgoing);
         }
+        // Bounded by the services, which wait for the answers.
+        self.jobs.append(&mut self.out.jobs);
         while let Some(document) = self.out.documents.pop_front() {
             // Only the newest state of a file matters.
             match self.documents.iter_mut().find(|d| d.name == document.name) {

@@ -49,7 +49,7 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
     // Only a flight that can be watched needs links.
     let links = match speed {
         Speed::Max if args.sim.mavlink.is_empty() => None,
-        _ => Some(args.sim.links()?),
+        _ => Some(args.sim.links(&mut lockstep)?),
     };
     let mut terminal = Terminal::new(args.sim.quiet);
     let places = places(&lockstep)?;
@@ -109,7 +109,7 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
                         links.send(link, frame);
                     }
                 }
-                Outgoing::Keep(_) => {}
+                Outgoing::Keep(_) | Outgoing::Disk(..) => {}
             }
         }
         flight.step(now);

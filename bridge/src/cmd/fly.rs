@@ -1,5 +1,6 @@
 //! `kestrel fly`: the real thing.
 
+use super::fc::passthrough::open_door;
 use super::sim::{StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
@@ -9,18 +10,21 @@ use bridge::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
 use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use bridge::gcs::Document;
+use bridge::io::bench_line::BenchLine;
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
-use bridge::io::flight_thread::{self, FlightHandle, News};
+use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
 use bridge::io::net::{LinkEvent, Links};
+use bridge::io::passthrough::Door;
 use bridge::settings::Origin;
 use clap::Args;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use vehicle::{Airframe, Pace, RingConfig, Timestamp};
 
@@ -64,6 +68,10 @@ pub(crate) struct FlyArgs {
     /// Wait for a flight controller that is not there or does not answer yet, as a service started at boot must.
     #[arg(long)]
     wait: bool,
+    /// Let a configurator have the controller's line by TCP while it is disarmed, for example tcpserver://127.0.0.1:5761.
+    /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
+    #[arg(long, value_name = "URL")]
+    passthrough: Option<String>,
     /// No status line.
     #[arg(long)]
     headless: bool,
@@ -115,14 +123,18 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     }
     super::apply_sets(&mut settings, &args.params)?;
     let mut documents = Vec::new();
-    if let Some(bytes) = keep
-        .read("mission.json")
-        .context("cannot read the stored mission")?
-    {
-        documents.push(Document {
-            name: "mission.json",
-            bytes,
-        });
+    for name in [
+        "mission.json",
+        "fence.json",
+        "rally.json",
+        "signing-clock.txt",
+    ] {
+        if let Some(bytes) = keep
+            .read(name)
+            .with_context(|| format!("cannot read the stored {name}"))?
+        {
+            documents.push(Document { name, bytes });
+        }
     }
     let start = match args.start {
         Some(StartArg::At(pose)) => Start::Known(pose),
@@ -132,7 +144,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
 
     let clock = Clock::start(1.0);
     let boot_utc_us = clock::utc_us();
-    let ground = Ground::new(GroundConfig {
+    let mut ground = Ground::new(GroundConfig {
         us: our_address(&settings),
         settings: settings.clone(),
         anchor: plan.anchor(),
@@ -150,8 +162,14 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         seed: boot_utc_us,
     };
     let flight = Flight::new(clock.now(), config);
+    ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
-    let handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;
+    let door = args.passthrough.as_deref().map(open_door).transpose()?;
+    let mut handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;
+    let told = match (door, handle.take_borrower()) {
+        (Some(door), Some(borrower)) => Some(lend(door, borrower, fc.clone(), stop.clone())?),
+        _ => None,
+    };
 
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!("Kestrel {} on {fc}", env!("CARGO_PKG_VERSION")));
@@ -170,10 +188,41 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         clock,
         stop,
         fc,
+        told,
         shows_status: !args.headless,
         waits: args.wait,
     }
     .run()
+}
+
+/// The thread of `--passthrough`: borrows the line for each client. What it has to tell comes out of the channel.
+fn lend(door: Door, borrower: Borrower, fc: Endpoint, stop: Stop) -> Result<Receiver<String>> {
+    let (tell, told) = sync_channel(64);
+    std::thread::Builder::new()
+        .name("passthrough".to_owned())
+        .spawn(move || {
+            let is_over = || stop.count() > 0;
+            let say = |text: String| drop(tell.try_send(text));
+            while let Some(client) = door.wait(&is_over) {
+                let Some(line) = borrower.borrow() else {
+                    say(
+                        "a configurator was sent away: the flight controller is armed or absent"
+                            .to_owned(),
+                    );
+                    continue;
+                };
+                say("a configurator has the flight controller: nothing can be flown".to_owned());
+                let mut bench = BenchLine::on(fc.clone(), line);
+                let ended = match door.carry(&mut bench, client, &is_over) {
+                    Ok(ended) => ended.to_string(),
+                    Err(e) => e.to_string(),
+                };
+                borrower.give_back(bench.into_line());
+                say(format!("the configurator's time is over: {ended}"));
+            }
+        })
+        .context("cannot start the thread of --passthrough")?;
+    Ok(told)
 }
 
 /// Where a user's programs keep what they must remember (XDG base directories).
@@ -198,6 +247,8 @@ struct GroundLoop {
     clock: Clock,
     stop: Stop,
     fc: Endpoint,
+    /// What the thread of `--passthrough` tells.
+    told: Option<Receiver<String>>,
     shows_status: bool,
     /// A controller that has never answered is waited for.
     waits: bool,
@@ -258,6 +309,9 @@ impl GroundLoop {
                     }
                 }
                 self.carry_out();
+            }
+            while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
+                self.terminal.line(&format!("  {text}"));
             }
             self.handle.read_snapshot(&mut snapshot);
             if snapshot.flight_loop.ticks != seen_tick {
@@ -322,6 +376,10 @@ impl GroundLoop {
                         self.terminal
                             .line("  the flight thread is behind: a request was dropped");
                     }
+                }
+                GroundOutput::Disk(ticket, job) => {
+                    let reply = self.keep.carry_out(&job);
+                    self.ground.disk(self.clock.now(), ticket, &reply);
                 }
                 GroundOutput::Keep(document) => {
                     if let Err(e) = self.keep.write(&document) {

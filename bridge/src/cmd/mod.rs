@@ -5,6 +5,8 @@ pub(crate) mod eval;
 pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;
+pub(crate) mod keys;
+pub(crate) mod motors;
 pub(crate) mod msp;
 pub(crate) mod msp_ask;
 pub(crate) mod msp_serve;

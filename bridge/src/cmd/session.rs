@@ -171,6 +171,10 @@ impl Session {
             match out {
                 Outgoing::Frame(link, frame) => self.links.send(link, frame),
                 Outgoing::Keep(document) => self.store(&document),
+                Outgoing::Disk(ticket, job) => {
+                    let reply = self.keep.carry_out(&job);
+                    self.lockstep.disk(ticket, &reply);
+                }
             }
         }
     }

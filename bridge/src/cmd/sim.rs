@@ -7,7 +7,7 @@ use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
 use bridge::gcs::Document;
-use bridge::io::endpoint::Endpoint;
+use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, LockstepConfig};
 use bridge::io::net::{Links, Wanted};
@@ -24,12 +24,17 @@ use std::time::Duration;
 use vehicle::{FloorPlan, In, MapPose, RingConfig, Timestamp};
 
 /// Documents that may be in the state folder.
-const DOCUMENTS: [&str; 2] = ["parameters.toml", "mission.json"];
+const DOCUMENTS: [&str; 4] = [
+    "parameters.toml",
+    "mission.json",
+    "fence.json",
+    "rally.json",
+];
 
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
 )]
 pub(crate) struct SimArgs {
     /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
@@ -62,6 +67,16 @@ pub(crate) struct SimArgs {
     /// What flies it: the built-in controller, or the real firmware (its simulator build, in real time only).
     #[arg(long, value_name = "NAME", default_value = "built-in")]
     pub(crate) firmware: FirmwareArg,
+    /// INAV: the MSP port it is flown by (tcpclient://host:port or serial:///dev/...). Start its simulator build with its
+    /// base port moved off 5760, which ground stations use.
+    #[arg(long, value_name = "URL")]
+    pub(crate) fc: Option<String>,
+    /// INAV: the MSP port that takes the simulated sensors; default: the TCP port after that of --fc.
+    #[arg(long, value_name = "URL")]
+    pub(crate) fc_sim: Option<String>,
+    /// Betaflight: edition of its state packets; default: by the MSP version it tells.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) fc_dialect: Option<DialectArg>,
     /// The firmware's simulator build; default: the one in the Python package `betaflight`.
     #[arg(long, value_name = "FILE")]
     pub(crate) fc_binary: Option<PathBuf>,
@@ -77,10 +92,10 @@ pub(crate) struct SimArgs {
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Write the flight log: every input of the flight loop.
+    /// Write the flight log: every input of the flight loop; default: with --state-dir, a numbered file in its folder `logs`.
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
-    /// Keep parameters and mission in this folder.
+    /// Keep parameters, mission, flight logs and uploaded files in this folder.
     #[arg(long, value_name = "DIR")]
     pub(crate) state_dir: Option<PathBuf>,
     /// Number of this vehicle: system id 1 + N, default ports + 10 N.
@@ -125,6 +140,9 @@ impl Default for SimArgs {
             fc_settings: Delivery::default(),
             flow: Switch::On,
             firmware: FirmwareArg::BuiltIn,
+            fc: None,
+            fc_sim: None,
+            fc_dialect: None,
             fc_binary: None,
             fc_dir: None,
             no_provision: false,
@@ -151,6 +169,19 @@ pub(crate) enum FirmwareArg {
     BuiltIn,
     /// Betaflight itself.
     Betaflight,
+    /// INAV, started by you: see --fc.
+    Inav,
+}
+
+/// `--fc-dialect`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DialectArg {
+    /// Betaflight 4.6 and older.
+    #[value(name = "bf-4.6")]
+    Bf46,
+    /// Betaflight 2026.12.
+    #[value(name = "bf-2026")]
+    Bf2026,
 }
 
 /// Speed of simulated time.
@@ -312,7 +343,7 @@ impl SimArgs {
 
     /// World, vehicle and brain as the arguments describe them.
     pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
-        let keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
+        let mut keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
             format!(
                 "cannot make the state folder {}",
                 self.state_dir
@@ -375,9 +406,14 @@ impl SimArgs {
                     .with_context(|| format!("cannot write {}", path.display()))?,
             );
         }
-        if let Some(path) = &self.log {
+        // With a state folder every run is kept, where ground stations find it.
+        let log = match &self.log {
+            Some(path) => Some(path.clone()),
+            None => keep.fresh_log().context("cannot keep the flight log")?,
+        };
+        if let Some(path) = log {
             lockstep.write_record(
-                Recorder::create(path, &header)
+                Recorder::create(&path, &header)
                     .with_context(|| format!("cannot write {}", path.display()))?,
             );
         }
@@ -385,7 +421,7 @@ impl SimArgs {
     }
 
     /// Links as asked for; none named = the default set.
-    pub(crate) fn links(&self) -> Result<Links> {
+    pub(crate) fn links(&self, lockstep: &mut Lockstep) -> Result<Links> {
         let wanted: Vec<Wanted> = if self.mavlink.is_empty() {
             DEFAULT_LINKS
                 .iter()
@@ -395,12 +431,16 @@ impl SimArgs {
                     Wanted {
                         endpoint: (link.endpoint)(address),
                         is_default: true,
+                        key: None,
                     }
                 })
                 .collect()
         } else {
             parse_endpoints(&self.mavlink)?
         };
+        lockstep
+            .ground
+            .set_keys(wanted.iter().map(|w| w.key.clone()).collect());
         Links::open(&wanted).map_err(|e| anyhow!(e))
     }
 }
@@ -450,12 +490,13 @@ fn somewhere(plan: &FloorPlan, seed: u64) -> MapPose {
 pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
     urls.iter()
         .map(|url| {
-            let endpoint: Endpoint = url
-                .parse()
-                .map_err(|e: bridge::io::endpoint::EndpointError| Usage(e.to_string()))?;
+            let wrong = |e: EndpointError| Usage(e.to_string());
+            let (url, key) = endpoint::split_key(url).map_err(wrong)?;
+            let endpoint: Endpoint = url.parse().map_err(wrong)?;
             Ok(Wanted {
                 endpoint,
                 is_default: false,
+                key,
             })
         })
         .collect()
@@ -464,7 +505,7 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
 pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
     let (mut lockstep, keep) = args.build()?;
-    let links = args.links()?;
+    let links = args.links(&mut lockstep)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
         "Kestrel {} in `{}`, seed {}, ring {}",
@@ -483,8 +524,8 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         Speed::Times(x) => Some(x),
         Speed::Max => None,
     };
-    if args.firmware == FirmwareArg::Betaflight {
-        lockstep.fly_by(firmware::start(&args, &mut terminal)?);
+    if let Some(firmware) = firmware::start(&args, &mut terminal)? {
+        lockstep.fly_by(firmware);
     }
     Session {
         lockstep,

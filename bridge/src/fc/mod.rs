@@ -4,6 +4,7 @@
 pub mod conversation;
 pub mod convert;
 pub mod motor_test;
+pub mod passthrough;
 pub mod poll;
 pub mod rc_out;
 pub mod setup;

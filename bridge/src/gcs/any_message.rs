@@ -3,7 +3,10 @@
 
 use super::bench::{Bench, Dice, US, station};
 use super::command::{CommandService, Streams};
+use super::disk::DiskReply;
+use super::ftp::FtpService;
 use super::keys::KeyConsole;
+use super::log_transfer::LogService;
 use super::manual::ManualService;
 use super::mission::MissionService;
 use super::setpoint::SetpointService;
@@ -40,8 +43,7 @@ impl Streams for NoStreams {
 /// A payload of an id we declare raw, or of any standard message; small fields are likely to be our own ids.
 fn any_message() -> impl Strategy<Value = Message> {
     let raw_ids = raw::MavMessage::all_ids().to_vec();
-    let id =
-        prop_oneof![4 => proptest::sample::select(raw_ids), 1 => Just(70u32), 1 => Just(41u32)];
+    let id = prop_oneof![4 => proptest::sample::select(raw_ids), 1 => Just(70u32), 1 => Just(41u32), 1 => Just(110u32), 1 => 117u32..=122];
     // From a seed: a strategy for each byte would take longer than the test.
     (id, any::<u64>()).prop_filter_map("not a message", |(id, seed)| {
         let mut dice = Dice(seed);
@@ -63,6 +65,7 @@ proptest! {
         let (mut bench, mut out, mut now) = (Bench::default(), Outbox::default(), Timestamp::ZERO);
         let (mut command, mut mission) = (CommandService::new(), MissionService::new(None));
         let (mut manual, mut setpoint, mut keys) = (ManualService::new(), SetpointService::new(), KeyConsole::new());
+        let (mut ftp, mut logs) = (FtpService::new(), LogService::new());
         for (sender, message, ms) in script {
             let from = station(250 + sender);
             now += Duration::from_millis(ms);
@@ -73,6 +76,15 @@ proptest! {
             manual.handle(now, from, &message, &ctx, &mut out);
             setpoint.handle(now, from, &message, &ctx, &mut out);
             keys.handle(now, from, &message, &ctx, &mut out);
+            ftp.handle(now, from, &message, &ctx, &mut out);
+            logs.handle(now, from, &message, &ctx, &mut out);
+            prop_assert!(out.jobs.len() <= 20);
+            for (ticket, _) in out.jobs.drain(..).collect::<Vec<_>>() {
+                let reply = DiskReply::Bytes(vec![7; usize::from(sender) * 100]);
+                prop_assert!(ftp.disk(now, ticket, &reply, &mut out) || logs.disk(now, ticket, &reply, &mut out));
+            }
+            ftp.tick(now, &mut out);
+            logs.tick(now, &ctx, &mut out);
             for asked in out.asked() {
                 if let Request::Manual(m) = &asked.request {
                     let axes = [m.forward, m.right, m.yaw, m.throttle];

@@ -10,17 +10,21 @@
 //! | MISSION_WRITE_PARTIAL_LIST 38, MISSION_REQUEST_PARTIAL_LIST 37 | MISSION_ACK UNSUPPORTED |
 //!
 //! A plan is stored when it is complete, every item can be flown ([`planner::mission::check`]) and the vehicle has taken
-//! it; until then, and if anything fails, the old plan stays. Fence (type 1) and rally points (type 2) are always empty
-//! lists. Items are given back bit for bit as they came. The plan outlives the program as the document `mission.json`.
+//! it; until then, and if anything fails, the old plan stays. Fence (type 1) and rally points (type 2) are lists of their
+//! own (`mission/points.rs`). Items are given back bit for bit as they came. The lists outlive the program as documents:
+//! `mission.json`, `fence.json`, `rally.json`.
 
 mod document;
 mod plan;
+mod points;
 #[cfg(test)]
 mod tests;
 mod upload;
 
 pub use self::document::DOCUMENT;
+pub use self::points::{FENCE_DOCUMENT, POINTS_CAPACITY, RALLY_DOCUMENT};
 
+use self::points::PointList;
 use self::upload::{Step, Upload};
 use super::telemetry::PlanIds;
 use super::{Context, Destination, Document, LinkId, Outbox, Peer};
@@ -118,6 +122,8 @@ pub struct MissionService {
     readers: ArrayVec<Reader, MAX_READERS>,
     /// MISSION_SET_CURRENT under way: a refusal becomes a text.
     set_current: Option<RequestId>,
+    fence: PointList,
+    rally: PointList,
 }
 
 impl MissionService {
@@ -131,6 +137,8 @@ impl MissionService {
             farewell: None,
             readers: ArrayVec::new(),
             set_current: None,
+            fence: PointList::new(mission_type::FENCE),
+            rally: PointList::new(mission_type::RALLY),
         }
     }
 
@@ -139,8 +147,8 @@ impl MissionService {
     pub fn plan_ids(&self) -> PlanIds {
         PlanIds {
             mission: self.stored.id,
-            fence: 0,
-            rally: 0,
+            fence: self.fence.id(),
+            rally: self.rally.id(),
         }
     }
 
@@ -148,6 +156,28 @@ impl MissionService {
     #[must_use]
     pub fn items(&self) -> &[MissionItem] {
         &self.stored.items
+    }
+
+    /// The stored fence.
+    #[must_use]
+    pub fn fence_items(&self) -> &[MissionItem] {
+        self.fence.items()
+    }
+
+    /// Takes any document of an earlier run; one that is not ours is left alone.
+    pub fn restore_document(
+        &mut self,
+        now: Timestamp,
+        document: &Document,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
+        match document.name {
+            DOCUMENT => self.restore(now, &document.bytes, ctx, out),
+            FENCE_DOCUMENT => self.fence.restore(&document.bytes, out),
+            RALLY_DOCUMENT => self.rally.restore(&document.bytes, out),
+            _ => {}
+        }
     }
 
     /// Takes the document of an earlier run: the plan is checked and offered to the vehicle as if it had been uploaded.
@@ -205,6 +235,14 @@ impl MissionService {
             Message::Standard(_) => return,
         };
         use raw::MavMessage as M;
+        let list = match type_of(raw) {
+            Some(mission_type::FENCE) => Some(&mut self.fence),
+            Some(mission_type::RALLY) => Some(&mut self.rally),
+            _ => None,
+        };
+        if let Some(list) = list {
+            return list.handle(now, from, raw, out);
+        }
         if !matches!(raw, M::MISSION_ITEM_INT(_) | M::MISSION_ITEM(_)) && is_mission_message(raw) {
             // Only items may still be on their way from an upload that is over: anything else shows that its ACK came.
             self.farewell = self
@@ -259,7 +297,7 @@ impl MissionService {
     pub fn tick(&mut self, now: Timestamp, _ctx: &Context<'_>, out: &mut Outbox) {
         match &mut self.change {
             Change::Receiving(upload) => match upload.tick(now) {
-                Step::Ask(seq) => ask_for(upload.client, seq, out),
+                Step::Ask(seq) => ask_for(upload.client, seq, mission_type::MISSION, out),
                 Step::GaveUp => {
                     let (got, count) = (upload.expected(), upload.count);
                     out.text(
@@ -292,6 +330,8 @@ impl MissionService {
         }
         self.readers
             .retain(|r| now.since(r.heard_at) < READER_TIMEOUT);
+        self.fence.tick(now, out);
+        self.rally.tick(now, out);
     }
 
     /// Takes the vehicle's answer; true if it was ours.
@@ -341,18 +381,8 @@ impl MissionService {
         ctx: &Context<'_>,
         out: &mut Outbox,
     ) {
-        match mission_type {
-            mission_type::MISSION => {}
-            mission_type::FENCE | mission_type::RALLY if count == 0 => {
-                return ack(from, mission_result::ACCEPTED, mission_type, 0, out);
-            }
-            _ => {
-                out.text(
-                    Severity::Warning,
-                    "Fence and rally points are not supported",
-                );
-                return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out);
-            }
+        if mission_type != mission_type::MISSION {
+            return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out);
         }
         if self.is_taken_by_another(from) {
             return ack(from, mission_result::DENIED, mission_type, 0, out);
@@ -369,7 +399,7 @@ impl MissionService {
         }
         // A repeated count begins anew: items of two plans must not mix.
         self.change = Change::Receiving(Upload::new(now, from, count));
-        ask_for(from, 0, out);
+        ask_for(from, 0, mission_type, out);
     }
 
     fn item(
@@ -399,7 +429,7 @@ impl MissionService {
             return self.refuse(now, from, item.seq, fault.mission_result(), &fault, out);
         }
         match upload.item(now, item) {
-            Step::Ask(seq) => ask_for(from, seq, out),
+            Step::Ask(seq) => ask_for(from, seq, mission_type::MISSION, out),
             Step::Complete => self.complete(now, from, ctx, out),
             Step::OutOfRange => {
                 let reason = format!("only {} items were announced", upload.count);
@@ -551,13 +581,14 @@ impl MissionService {
     ) {
         match mission_type {
             mission_type::MISSION | mission_type::ALL => {}
-            mission_type::FENCE | mission_type::RALLY => {
-                return ack(from, mission_result::ACCEPTED, mission_type, 0, out);
-            }
             _ => return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out),
         }
         if self.is_taken_by_another(from) {
             return ack(from, mission_result::DENIED, mission_type, 0, out);
+        }
+        if mission_type == mission_type::ALL {
+            self.fence.clear(out);
+            self.rally.clear(out);
         }
         self.commit(
             now,
@@ -584,7 +615,6 @@ impl MissionService {
                 });
                 (self.stored.count(), self.stored.id)
             }
-            mission_type::FENCE | mission_type::RALLY => (0, 0),
             _ => return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out),
         };
         let Address { system, component } = from.address;
@@ -647,13 +677,31 @@ const fn is_mission_message(m: &raw::MavMessage) -> bool {
     )
 }
 
-fn ask_for(client: Peer, seq: u16, out: &mut Outbox) {
+/// MAV_MISSION_TYPE of a message of the mission protocol; none for any other message.
+const fn type_of(m: &raw::MavMessage) -> Option<u8> {
+    use raw::MavMessage as M;
+    Some(match m {
+        M::MISSION_COUNT(m) => m.mission_type,
+        M::MISSION_ITEM_INT(m) => m.mission_type,
+        M::MISSION_ITEM(m) => m.mission_type,
+        M::MISSION_REQUEST_LIST(m) => m.mission_type,
+        M::MISSION_REQUEST_INT(m) => m.mission_type,
+        M::MISSION_REQUEST(m) => m.mission_type,
+        M::MISSION_CLEAR_ALL(m) => m.mission_type,
+        M::MISSION_ACK(m) => m.mission_type,
+        M::MISSION_WRITE_PARTIAL_LIST(m) => m.mission_type,
+        M::MISSION_REQUEST_PARTIAL_LIST(m) => m.mission_type,
+        _ => return None,
+    })
+}
+
+fn ask_for(client: Peer, seq: u16, mission_type: u8, out: &mut Outbox) {
     let Address { system, component } = client.address;
     let request = raw::MISSION_REQUEST_INT_DATA {
         seq,
         target_system: system,
         target_component: component,
-        mission_type: mission_type::MISSION,
+        mission_type,
     };
     out.send_raw(
         Destination::All,

@@ -9,8 +9,11 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`signing`] | which links demand signatures |
+//! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
+//! | [`metadata`], [`disk`] | files made here; jobs for the disk |
 //! | [`out_queue`] | what waits to be sent, bounded |
 
 #[cfg(test)]
@@ -19,11 +22,14 @@ mod any_message;
 mod bench;
 pub mod command;
 pub mod convert;
+pub mod disk;
+pub mod fence;
 pub mod ftp;
 pub mod heartbeat;
 pub mod keys;
 pub mod log_transfer;
 pub mod manual;
+pub mod metadata;
 pub mod mission;
 pub mod origin;
 pub mod out_queue;
@@ -31,6 +37,7 @@ pub mod params;
 mod place;
 pub mod router;
 pub mod setpoint;
+pub mod signing;
 pub mod telemetry;
 pub mod text;
 pub mod time_sync;
@@ -47,6 +54,21 @@ pub const MAX_LINKS: usize = 32;
 /// A link of the shell: a socket peer, a TCP client, a serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LinkId(pub u32);
+
+impl LinkId {
+    /// A link of an endpoint, the n-th that came up there: the number itself says what is demanded of who speaks on it, so that
+    /// no order of events can make a link of a signed endpoint an open one.
+    #[must_use]
+    pub const fn of(endpoint: u8, n: u32) -> Self {
+        Self((endpoint as u32) << 24 | (n & 0x00FF_FFFF))
+    }
+
+    /// Number of the endpoint.
+    #[must_use]
+    pub const fn endpoint(self) -> u8 {
+        (self.0 >> 24) as u8
+    }
+}
 
 /// Where a message came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,7 +143,10 @@ pub struct Outbox {
     pub texts: VecDeque<(Severity, String)>,
     /// Documents to keep.
     pub documents: VecDeque<Document>,
+    /// Jobs for the disk.
+    pub jobs: VecDeque<(disk::Ticket, disk::DiskJob)>,
     next_request: u32,
+    next_ticket: u32,
 }
 
 impl Outbox {
@@ -151,6 +176,14 @@ impl Outbox {
             request,
         });
         id
+    }
+
+    /// Asks the disk; the answer comes back with this ticket.
+    pub fn disk(&mut self, job: disk::DiskJob) -> disk::Ticket {
+        self.next_ticket = self.next_ticket.wrapping_add(1);
+        let ticket = disk::Ticket(self.next_ticket);
+        self.jobs.push_back((ticket, job));
+        ticket
     }
 
     /// Tells every pilot (STATUSTEXT).

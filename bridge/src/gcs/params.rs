@@ -9,6 +9,7 @@
 //! Integers travel bytewise in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE). A REAL32 set of an
 //! integer parameter is taken by value, because plain pymavlink scripts send REAL32 for everything.
 
+use super::fence::FenceAction;
 use super::{Context, Destination, Document, LinkId, Outbox, Peer};
 use crate::autopilot::door::{Request, Severity};
 use crate::settings::{Origin, Row, Settings};
@@ -43,6 +44,8 @@ vehicle::params! {
         alt0_m: float "KST_ALT0" = 0.0, "m", -500.0..=9000.0;
         /// Report a satellite fix (GPS_RAW_INT fix type 3, 10 satellites) while localized, for clients that wait for one.
         gps_emulation: bool "KST_GPS_EMU" = false;
+        /// Action before the vehicle leaves the fence (none without a fence).
+        fence_action: choice<FenceAction> "GF_ACTION" = FenceAction::Hold;
         /// Cells of the battery where the flight controller does not tell; 0 unknown.
         battery_cells: int "BAT1_N_CELLS" = 0, "1", 0..=16;
         /// Read by set-up pages of ground stations; no effect (PX4: airframe, 4001 generic quadcopter).

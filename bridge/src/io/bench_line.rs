@@ -34,14 +34,37 @@ impl BenchLine {
     /// # Errors
     /// [`LineError`] says what to check.
     pub fn open(endpoint: Endpoint) -> Result<Self, LineError> {
+        let line = Line::open(&endpoint)?;
+        Ok(Self::on(endpoint, line))
+    }
+
+    /// On a line that is open already.
+    #[must_use]
+    pub fn on(endpoint: Endpoint, line: Line) -> Self {
         let mut this = Self {
-            line: Some(Line::open(&endpoint)?),
+            line: Some(line),
             endpoint,
             clock: Clock::start(1.0),
             talk: Conversation::default(),
         };
         this.drain();
-        Ok(this)
+        this
+    }
+
+    /// The line, unless it was lost.
+    #[must_use]
+    pub fn into_line(self) -> Option<Line> {
+        self.line
+    }
+
+    /// The line for as long as bytes pass it as they are; none if it was lost.
+    pub(super) const fn line_mut(&mut self) -> Option<&mut Line> {
+        self.line.as_mut()
+    }
+
+    /// The line is gone.
+    pub(super) fn lose(&mut self) {
+        self.line = None;
     }
 
     /// Seconds since the line was opened first.

@@ -1,5 +1,6 @@
 //! Endpoint URLs as ground-control people write them.
 
+use mavlink_dialect::signing::SigningKey;
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
@@ -48,9 +49,64 @@ pub enum EndpointError {
     /// Not `host:port`.
     #[error("`{0}` is no host:port: write it like 127.0.0.1:14550")]
     NoPort(String),
+    /// `key=` wrong.
+    #[error("key={what}: {why}")]
+    Key {
+        /// The kind and, of a file, its name; never a secret.
+        what: String,
+        /// Reason.
+        why: String,
+    },
     /// Baud rate wrong.
     #[error("`{0}` is no baud rate")]
     Baud(String),
+}
+
+/// Takes the key off a URL: `?key=file:PATH` (64 hexadecimal digits, see `kestrel keys`) or `?key=pass:TEXT`. What else
+/// the query says stays.
+///
+/// # Errors
+/// [`EndpointError::Key`] without the secret.
+pub fn split_key(url: &str) -> Result<(String, Option<SigningKey>), EndpointError> {
+    let Some((base, query)) = url.split_once('?') else {
+        return Ok((url.to_owned(), None));
+    };
+    let mut key = None;
+    let mut rest = Vec::new();
+    for part in query.split('&') {
+        match part.strip_prefix("key=") {
+            Some(source) => key = Some(read_key(source)?),
+            None => rest.push(part),
+        }
+    }
+    let rest = rest.join("&");
+    let url = if rest.is_empty() {
+        base.to_owned()
+    } else {
+        format!("{base}?{rest}")
+    };
+    Ok((url, key))
+}
+
+fn read_key(source: &str) -> Result<SigningKey, EndpointError> {
+    let wrong = |what: &str, why: String| EndpointError::Key {
+        what: what.to_owned(),
+        why,
+    };
+    match source.split_once(':') {
+        Some(("pass", text)) if !text.is_empty() => Ok(SigningKey::from_passphrase(text)),
+        Some(("file", path)) => {
+            let text = std::fs::read_to_string(path).map_err(|e| wrong(source, e.to_string()))?;
+            SigningKey::from_hex(&text).ok_or_else(|| {
+                let why = "holds no key: 64 hexadecimal digits, made by `kestrel keys new`";
+                wrong(source, why.to_owned())
+            })
+        }
+        _ => Err(wrong(
+            "...",
+            "write it like file:PATH or pass:TEXT".to_owned(),
+        )),
+    }
 }
 
 impl FromStr for Endpoint {
@@ -124,6 +180,32 @@ mod tests {
         ] {
             assert_eq!(url.parse::<Endpoint>().unwrap().to_string(), url);
         }
+    }
+
+    #[test]
+    fn a_key_is_taken_off_the_url_and_a_wrong_one_does_not_tell_the_secret() {
+        let (url, key) = split_key("serial:///dev/x?baudrate=57600&key=pass:a b").unwrap();
+        assert_eq!(url, "serial:///dev/x?baudrate=57600");
+        assert_eq!(key, Some(SigningKey::from_passphrase("a b")));
+        assert_eq!(
+            split_key("udpserver://h:1").unwrap(),
+            ("udpserver://h:1".to_owned(), None)
+        );
+        assert_eq!(
+            split_key("udpserver://h:1?key=pass:x").unwrap().0,
+            "udpserver://h:1"
+        );
+        let said = split_key("udpserver://h:1?key=hunter2")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            said.contains("pass:TEXT") && !said.contains("hunter2"),
+            "{said}"
+        );
+        let said = split_key("udpserver://h:1?key=file:/no/such")
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("/no/such"), "{said}");
     }
 
     #[test]

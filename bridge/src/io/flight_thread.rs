@@ -61,9 +61,65 @@ pub struct FlightHandle {
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
+    borrower: Option<Borrower>,
+}
+
+/// Who may have the line for a while: a configurator.
+#[derive(Debug)]
+pub struct Borrower {
+    want: SyncSender<()>,
+    given: Receiver<Option<Line>>,
+    back: SyncSender<Option<Line>>,
+    wake: Arc<OwnedFd>,
+}
+
+impl Borrower {
+    /// The line; none while the controller is armed or absent. Until it is given back `Flight` has no controller.
+    #[must_use]
+    pub fn borrow(&self) -> Option<Line> {
+        self.want.send(()).ok()?;
+        wake_up(&self.wake);
+        self.given.recv().ok().flatten()
+    }
+
+    /// Gives it back; none if it was lost, then it is opened again.
+    pub fn give_back(&self, line: Option<Line>) {
+        let _ = self.back.send(line);
+        wake_up(&self.wake);
+    }
+}
+
+/// The flight thread's end of [`Borrower`].
+struct Lender {
+    wanted: Receiver<()>,
+    give: SyncSender<Option<Line>>,
+    back: Receiver<Option<Line>>,
+}
+
+fn lending(wake: &Arc<OwnedFd>) -> (Lender, Borrower) {
+    let (want, wanted) = sync_channel(1);
+    let (give, given) = sync_channel(1);
+    let (back, comes_back) = sync_channel(1);
+    let lender = Lender {
+        wanted,
+        give,
+        back: comes_back,
+    };
+    let borrower = Borrower {
+        want,
+        given,
+        back,
+        wake: Arc::clone(wake),
+    };
+    (lender, borrower)
 }
 
 impl FlightHandle {
+    /// Who may have the line for a while; once.
+    pub const fn take_borrower(&mut self) -> Option<Borrower> {
+        self.borrower.take()
+    }
+
     /// Hands a request over; false if the ring is full.
     #[must_use]
     pub fn ask(&self, asked: Asked) -> bool {
@@ -106,11 +162,13 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         line_thread(endpoint, tell.clone(), Arc::clone(&wake)).map_err(LineError::Thread)?;
     let kept = Arc::new(Kept::new().map_err(failed)?);
     keeper_thread(Arc::clone(&kept), clock).map_err(LineError::Thread)?;
+    let (lender, borrower) = lending(&wake);
     let handle = FlightHandle {
         requests,
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
+        borrower: Some(borrower),
     };
     let shell = Shell {
         flight,
@@ -118,6 +176,7 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         line: None,
         want_line,
         lines,
+        lender,
         asked,
         tell,
         jobs,
@@ -279,6 +338,7 @@ struct Shell {
     line: Option<Line>,
     want_line: SyncSender<()>,
     lines: Receiver<Line>,
+    lender: Lender,
     asked: Receiver<Asked>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
@@ -299,6 +359,7 @@ impl Shell {
         loop {
             self.publish();
             self.wait();
+            self.lend_line();
             self.take_line();
             self.read_line();
             while let Ok(result) = self.done.try_recv() {
@@ -358,9 +419,34 @@ impl Shell {
         if self.line.is_none()
             && let Ok(line) = self.lines.try_recv()
         {
-            self.kept.set_line(line.as_fd().try_clone_to_owned().ok());
-            self.line = Some(line);
-            self.handle(Input::FcOpened);
+            self.have_line(line);
+        }
+    }
+
+    fn have_line(&mut self, line: Line) {
+        self.kept.set_line(line.as_fd().try_clone_to_owned().ok());
+        self.line = Some(line);
+        self.handle(Input::FcOpened);
+    }
+
+    /// A configurator gets the line on the ground only, and then `Flight` has none: nothing arms meanwhile.
+    fn lend_line(&mut self) {
+        if self.lender.wanted.try_recv().is_ok() {
+            let line = if self.flight.snapshot().is_armed {
+                None
+            } else {
+                self.line.take()
+            };
+            if line.is_some() {
+                self.kept.set_line(None);
+                self.handle(Input::FcClosed);
+            }
+            let _ = self.lender.give.try_send(line);
+        }
+        match self.lender.back.try_recv() {
+            Ok(Some(line)) => self.have_line(line),
+            Ok(None) => drop(self.want_line.try_send(())),
+            Err(_) => {}
         }
     }
 

@@ -3,7 +3,7 @@
 //! The same struct flies in real time behind sockets, in virtual time inside tests, and as fast as it can in `demo`:
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
-use super::firmware::FirmwareLine;
+use super::firmware::Outside;
 use super::record::{Record, Recorder};
 use super::truth::{Row, TruthFile};
 use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot, Station};
@@ -11,6 +11,7 @@ use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
+use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
 use crate::gcs::{Document, LinkId};
 use crate::settings::Settings;
 use estimator::SearchRequest;
@@ -50,6 +51,8 @@ pub enum Outgoing {
     Frame(LinkId, FrameBytes),
     /// A document to keep.
     Keep(Document),
+    /// A job for the disk; [`Lockstep::disk`] takes the answer.
+    Disk(Ticket, DiskJob),
 }
 
 /// A simulated vehicle with its brain.
@@ -69,7 +72,7 @@ pub struct Lockstep {
     recorder: Option<Recorder>,
     kept: Option<Vec<(Timestamp, Input)>>,
     /// The real firmware instead of the fake controller.
-    firmware: Option<FirmwareLine>,
+    firmware: Option<Outside>,
     ticks_seen: u64,
     held_until: Timestamp,
     planned_hold: Option<(Timestamp, Duration)>,
@@ -167,12 +170,12 @@ impl Lockstep {
 
     /// From now on this firmware flies the vehicle, whose controller must be outside
     /// ([`sim::VehicleConfig::outside_fc`]). It runs on the wall clock, so time must pass at its pace.
-    pub fn fly_by(&mut self, firmware: FirmwareLine) {
+    pub fn fly_by(&mut self, firmware: Outside) {
         self.firmware = Some(firmware);
     }
 
     /// The real firmware, if it flies.
-    pub const fn firmware(&mut self) -> Option<&mut FirmwareLine> {
+    pub const fn firmware(&mut self) -> Option<&mut Outside> {
         self.firmware.as_mut()
     }
 
@@ -203,6 +206,12 @@ impl Lockstep {
     /// Bytes of a link.
     pub fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool) {
         self.ground.receive(self.now, link, bytes, is_datagram);
+        self.drain_ground();
+    }
+
+    /// The disk answered.
+    pub fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
+        self.ground.disk(self.now, ticket, reply);
         self.drain_ground();
     }
 
@@ -354,6 +363,9 @@ impl Lockstep {
                 }
                 GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
+                GroundOutput::Disk(ticket, job) => {
+                    self.outgoing.push_back(Outgoing::Disk(ticket, job))
+                }
             }
         }
     }

@@ -7,6 +7,7 @@
 //! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
 //! | [`firmware`] | Betaflight's simulator build as a child process in place of the fake controller |
 //! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
+//! | [`passthrough`] | a configurator on the controller's line, by TCP: `kestrel fc passthrough` |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
 //! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
@@ -14,6 +15,7 @@
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
 //! | [`record`] | the flight log: every input of `Flight` |
+//! | [`folder`] | flight logs and uploads on disk, safe from names and links |
 //! | [`keep`] | documents on disk, written atomically |
 
 pub mod bench_line;
@@ -21,10 +23,12 @@ pub mod clock;
 pub mod endpoint;
 pub mod firmware;
 pub mod flight_thread;
+pub mod folder;
 pub mod keep;
 pub mod line;
 pub mod lockstep;
 pub mod net;
+pub mod passthrough;
 pub mod realtime;
 pub mod record;
 pub mod timer;

@@ -6,6 +6,7 @@
 use super::endpoint::Endpoint;
 use crate::gcs::LinkId;
 use mavlink_dialect::FrameBytes;
+use mavlink_dialect::signing::SigningKey;
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -91,6 +92,8 @@ pub struct Wanted {
     pub endpoint: Endpoint,
     /// A default: if its port is taken, the next free one is used.
     pub is_default: bool,
+    /// Frames there are signed with this key, and only such are taken.
+    pub key: Option<SigningKey>,
 }
 
 /// A socket bound before the thread starts, so that errors reach the user at once.
@@ -113,7 +116,10 @@ impl Links {
         for w in wanted {
             let (b, text) = bind(w)?;
             bound.push(b);
-            described.push(text);
+            described.push(match w.key {
+                Some(_) => format!("{text} (signed)"),
+                None => text,
+            });
         }
         let (to_core, events) = std_mpsc::sync_channel(TO_CORE);
         let (outgoing, mut from_core) = mpsc::channel::<(LinkId, FrameBytes)>(4 * TO_LINK);
@@ -122,6 +128,7 @@ impl Links {
             to_core,
             dropped: Arc::clone(&dropped),
             next_link: Arc::new(AtomicU32::new(1)),
+            endpoint: 0,
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -132,7 +139,11 @@ impl Links {
             .spawn(move || {
                 runtime.block_on(async move {
                     let (register, mut registered) = mpsc::channel(64);
-                    for b in bound {
+                    for (b, endpoint) in bound.into_iter().zip(0..) {
+                        let hub = Hub {
+                            endpoint,
+                            ..hub.clone()
+                        };
                         serve(b, &hub, &register);
                     }
                     // Keeps the table of links; ends when the handle is dropped.
@@ -307,13 +318,18 @@ struct Hub {
     to_core: std_mpsc::SyncSender<LinkEvent>,
     dropped: Arc<AtomicU64>,
     next_link: Arc<AtomicU32>,
+    /// Number of the endpoint, for [`LinkId::of`].
+    endpoint: u8,
 }
 
 type Register = mpsc::Sender<(LinkId, Option<mpsc::Sender<FrameBytes>>)>;
 
 impl Hub {
     fn link(&self) -> LinkId {
-        LinkId(self.next_link.fetch_add(1, Ordering::Relaxed))
+        LinkId::of(
+            self.endpoint,
+            self.next_link.fetch_add(1, Ordering::Relaxed),
+        )
     }
 
     /// Never waits: a core that is behind loses datagrams, as a network does.

@@ -80,4 +80,4 @@ pub enum Build {
 }
 
 /// Acceleration of gravity of the uQuad program, m/s2.
-pub const GRAVITY_MPS2: f64 = 9.81;
+pub const GRAVITY_MPS2: f64 = vehicle::uquad::GRAVITY_MPS2;

@@ -209,7 +209,7 @@ pub(super) fn turn_attitude(covariance: &mut Covariance, half: &Vector3<f64>) {
     keep_sound(covariance);
 }
 
-/// Mean of both halves, and the floor.
+/// Mean of both halves, within the bounds.
 pub(super) fn symmetrise(p: &mut Covariance) {
     for i in 0..STATES {
         for j in 0..i {
@@ -217,7 +217,6 @@ pub(super) fn symmetrise(p: &mut Covariance) {
             p[(i, j)] = mean;
             p[(j, i)] = mean;
         }
-        p[(i, i)] = p[(i, i)].max(FLOOR);
     }
     keep_sound(p);
 }

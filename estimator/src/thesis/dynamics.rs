@@ -9,9 +9,9 @@
 //! | yaw drag | March 2012: motors 0, 2 push theta up; final: down | down: the control law's sign pattern raises theta with motors 1, 3 |
 //! | gyroscopic torque of the rotors | + wqy G on x, + wqx G on y | - wqy G on x, + wqx G on y: a gyroscopic torque does no work |
 
-use super::airframe::UquadAirframe;
 use super::{ANGLES, BIAS, POSITION, RATES, STATES, Square, State, VELOCITY};
-use crate::imu::GRAVITY_MPS2;
+use vehicle::UquadAirframe;
+use vehicle::uquad::GRAVITY_MPS2;
 
 /// Below this |cos phi| the angles' rates are those at 89 degrees: the equations are singular at 90.
 const MIN_COS_PHI: f64 = 0.017;

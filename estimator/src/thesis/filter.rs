@@ -4,7 +4,6 @@
 //! sequential and scalar: no matrix is inverted, and a channel that is not believed is left out. The result is that of the batch
 //! update of the thesis to rounding (the recorded run agrees to 1e-11).
 
-use super::airframe::UquadAirframe;
 use super::dynamics::{self, Equations};
 use super::noise::Noise;
 use super::unwrap::unwrap_theta;
@@ -14,7 +13,7 @@ use arrayvec::ArrayVec;
 use core::fmt;
 use nalgebra::Vector3;
 use vehicle::angle::wrap_pi;
-use vehicle::{In, Ned};
+use vehicle::{In, Ned, UquadAirframe};
 
 /// Which states are estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

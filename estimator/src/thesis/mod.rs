@@ -6,7 +6,6 @@
 //!
 //! | Module | Holds |
 //! | --- | --- |
-//! | [`airframe`] | mass, inertia, thrust and drag of the craft |
 //! | [`dynamics`] | the equations of motion, their Jacobian, and which misprints are kept |
 //! | [`noise`] | Q and R, fixed and following the norms |
 //! | [`unwrap`] | yaw without jumps |
@@ -17,18 +16,17 @@
 //!
 //! Rosa, Paternain and others, "uQuad! Un quadrotor autonomo", Facultad de Ingenieria, Montevideo (2012), section 1.2.4.
 
-pub mod airframe;
 pub mod dynamics;
 pub mod filter;
 pub mod noise;
 pub mod unwrap;
 
-pub use airframe::UquadAirframe;
 pub use dynamics::Equations;
 pub use filter::{
     Channel, LeftOut, Refusal, StateSet, ThesisConfig, ThesisError, ThesisFilter, ThesisInput,
 };
 pub use noise::Noise;
+pub use vehicle::UquadAirframe;
 
 use nalgebra::{SMatrix, SVector};
 

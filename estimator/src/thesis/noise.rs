@@ -68,6 +68,36 @@ impl Default for Noise {
 }
 
 impl Noise {
+    /// What sensors and model are worth, in SI (chosen): for flight. The program's figures let the accelerometer pull the estimated tilt to level
+    /// within a tenth of a second, and an accelerometer in flight feels thrust alone: level, whatever the tilt.
+    #[must_use]
+    pub fn flight() -> Self {
+        let mut process = [0.0; STATES];
+        for i in 0..3 {
+            process[POSITION + i] = 1e-6;
+            process[ANGLES + i] = 1e-8;
+            process[VELOCITY + i] = 1e-6;
+            process[RATES + i] = 1e-2;
+            process[BIAS + i] = 1e-7;
+        }
+        let without_fix = ObservationNoise {
+            tilt: 0.1,
+            theta: 1e-2,
+            accel: 0.25,
+            gyro: 4e-4,
+            position: 0.1,
+        };
+        Self {
+            process,
+            without_fix,
+            with_fix: ObservationNoise {
+                position: 1e-3,
+                ..without_fix
+            },
+            is_dynamic: false,
+        }
+    }
+
     /// The recorded run of March 2012: Q = 0.01 I, R = 1e4 I.
     #[must_use]
     pub const fn march_2012() -> Self {

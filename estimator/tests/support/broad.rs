@@ -11,19 +11,7 @@ const PERIOD_US: u64 = 3500;
 
 /// The folder of the recordings, or none with a word why.
 pub fn folder() -> Option<PathBuf> {
-    let base = std::env::var_os("KESTREL_DATA").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let folder = base.join("attitude");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!(
-        "SKIPPED: no recordings at {} (set KESTREL_DATA)",
-        folder.display()
-    );
-    None
+    super::recorded("attitude")
 }
 
 /// One recording.

@@ -30,19 +30,7 @@ pub fn seeds(few: u64, all: u64) -> u64 {
 
 /// The folder of the recordings, or none with a word why.
 pub fn folder() -> Option<PathBuf> {
-    let base = std::env::var_os("KESTREL_DATA").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let folder = base.join("mcl");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!(
-        "SKIPPED: no recordings at {} (set KESTREL_DATA)",
-        folder.display()
-    );
-    None
+    super::recorded("mcl")
 }
 
 pub fn plan(name: &str) -> Option<FloorPlan> {

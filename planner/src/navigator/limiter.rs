@@ -85,7 +85,7 @@ impl Navigator {
         let towards = offset / distance_m;
         let room = distance_m - stop_m;
         let allowed = if room >= 0.0 {
-            stopping_speed(&self.vfh, room).min(APPROACH_PER_S * room)
+            stopping_speed(self.vfh.brake_mps2, self.vfh.latency_s, room).min(APPROACH_PER_S * room)
         } else {
             (room + LEFT_ALONE_M).clamp(-RETREAT_MPS, 0.0)
         };

@@ -11,6 +11,7 @@
 //!
 //! In both, somebody coming close makes the vehicle step aside ([`crate::evade`]) and come back.
 
+mod foresight;
 mod hover;
 mod limiter;
 mod sight;
@@ -115,6 +116,9 @@ pub struct Navigator {
     /// Heading kept while none is asked for, rad.
     kept_yaw_rad: f64,
     progress: Progress,
+    /// When the way was last looked over, and when it was last planned.
+    looked_over: Timestamp,
+    planned: Timestamp,
     reset_counter: u8,
     seen: Vec<In<Map>>,
     sectors: [f32; SECTORS],
@@ -163,6 +167,8 @@ impl Navigator {
             previous_rad: None,
             kept_yaw_rad: 0.0,
             progress: Progress::default(),
+            looked_over: Timestamp::ZERO,
+            planned: Timestamp::ZERO,
             reset_counter: 0,
             seen: Vec::with_capacity(SEEN_MAX),
             sectors: [f32::INFINITY; SECTORS],
@@ -341,7 +347,9 @@ impl Navigator {
         for echo in believed.filter_map(|r| r.unexplained) {
             around.add_echo(echo);
         }
-        for somebody in self.tracker.tracks().iter().filter(|t| t.is_confirmed()) {
+        // Who does not give way to people takes them for what stands about: the grid has them.
+        let people = self.tracker.tracks().iter().filter(|_| self.params.evade);
+        for somebody in people.filter(|t| t.is_confirmed()) {
             let p = somebody.position_at(now);
             around.add_disc(Disc {
                 centre: In::new(p.x, p.y, 0.0),

@@ -31,7 +31,12 @@ const OPEN_MAX_M: f64 = 6.0;
 const SUPPORT_M: f64 = 0.2;
 /// How many others, and for how long they speak, s: columns of a multizone ranger; slow wide cones, which never lie.
 const SUPPORT: (usize, f64) = (2, 0.25);
-const SUPPORT_WIDE: (usize, f64) = (1, 0.6);
+const SUPPORT_WIDE: (usize, f64) = (0, 0.6);
+/// An echo of a wide cone counts so often: it comes seldom, and from something.
+const HITS_WIDE: usize = 2;
+/// How much of a wide cone is taken for empty before its echo: share of its half angle, share of the range.
+const CONE_SHARE: f64 = 0.7;
+const BEFORE_SHARE: f64 = 0.93;
 
 /// The last returns. While the place on the plan is not known they are all there is to brake for; while it is known, what
 /// the plan does not explain is braked for at once, before the grid is sure and whatever it is taken for.
@@ -158,6 +163,16 @@ impl Navigator {
             }
             self.recent.extend(echo);
             self.grid.add_free(from, to, scan.at);
+            if beam.half_cone_rad > WIDE_RAD {
+                // Nothing echoed on the cone's whole front.
+                for side in [-1.0, 0.0, 1.0, -1.0, 0.0, 1.0] {
+                    let (s, c) = libm::sincos(side * CONE_SHARE * beam.half_cone_rad);
+                    let (dx, dy) = (to.x() - from.x(), to.y() - from.y());
+                    let aside = In::new(dx * c - dy * s, dx * s + dy * c, 0.0) * BEFORE_SHARE;
+                    self.grid
+                        .add_free(from, (from + aside).with_z(0.0), scan.at);
+                }
+            }
             rays.push(Ray {
                 from: Vector2::new(from.x(), from.y()),
                 to: Vector2::new(to.x(), to.y()),
@@ -179,7 +194,10 @@ impl Navigator {
             // them from a wall flown along, so what it sees is drawn in any case.
             let believed = self.recent.supports(ray, scan.at);
             if believed && (ray.is_wide() || !self.is_walking(scan.at, ray.to)) {
-                self.grid.add_hit(In::new(ray.to.x, ray.to.y, 0.0), scan.at);
+                let times = if ray.is_wide() { HITS_WIDE } else { 1 };
+                for _ in 0..times {
+                    self.grid.add_hit(In::new(ray.to.x, ray.to.y, 0.0), scan.at);
+                }
             }
         }
     }
@@ -211,7 +229,8 @@ impl Navigator {
             || self.open_m(from, to) < range_m
     }
 
-    /// The same for every direction within a reach (rad) of it: beside a corner the wall that was hit may be the near one.
+    /// The least that [`open_m`](Self::open_m) tells within an angle (rad) to each side: beside a corner the wall that was hit
+    /// may be the near one.
     fn surely_open_m(&self, from: In<Map>, towards: In<Map>, reach_rad: f64) -> f64 {
         let (dx, dy) = (towards.x() - from.x(), towards.y() - from.y());
         [-1.0, 0.0, 1.0]

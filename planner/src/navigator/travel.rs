@@ -4,9 +4,11 @@ use super::{
     Activity, Goal, HOVER_M, Navigator, Progress, SURE_WEIGHT, Steering, SteeringState, distance,
     nearest_on, stand, xy,
 };
+use crate::vfh::grid::OBSTACLE;
 use crate::vfh::steering::{Pull, direction, stopping_speed};
+use core::f64::consts::TAU;
 use nalgebra::Vector2;
-use vehicle::angle::shortest_turn;
+use vehicle::angle::{shortest_turn, wrap_pi};
 use vehicle::{Heading, In, Map, NavState, Setpoint, Timestamp};
 
 /// Legs longer than this are flown nose first, m.
@@ -18,6 +20,31 @@ const CREEP_MPS: f64 = 0.12;
 /// Hull slack of the corridor ahead that must be free: less than the enlargement of the histogram, or every door jamb
 /// passed would brake.
 const CORRIDOR_SLACK_M: f64 = 0.05;
+
+/// Free space beside the hull on a straight way to the point ahead, m.
+const STRAIGHT_SLACK_M: f64 = 0.08;
+/// The hull's half width seen from where it brakes: what must have been looked into ahead, rad.
+const AHEAD_RAD: f64 = 0.3;
+/// Where the next turn can lead: what the nose swings for, rad.
+const SIDES_RAD: f64 = 1.0;
+/// Speed of a ring that must swing for it, shares of the speed into the blind.
+const SIDES_BLIND: f64 = 1.0;
+/// Speed beside an obstacle that is touched, m/s, and what each metre away from it adds, 1/s.
+const BESIDE_MPS: f64 = 0.35;
+const BESIDE_PER_S: f64 = 3.0;
+/// The way is looked over so often, s, and so far, m, for obstacles nearer to the hull than this, m.
+const LOOK_OVER_S: f64 = 0.1;
+const LOOK_OVER_M: f64 = 5.0;
+const WAY_ROOM_M: f64 = 0.06;
+/// With something to plan around the way is planned anew after this time, and never sooner than after this, s.
+const PLAN_AGAIN_S: f64 = 1.0;
+const PLAN_PAUSE_S: f64 = 0.2;
+/// No wall of the plan within this distance, or something seen within that, m: unmapped ground.
+const MAPPED_M: f64 = 1.9;
+const SEEN_NEAR_M: f64 = 3.0;
+/// Swing of the nose on the way, rad, and its period, s: the heading loop follows two thirds of it.
+const SWING_RAD: f64 = 0.6;
+const SWING_S: f64 = 3.0;
 
 impl Navigator {
     pub(super) fn travel(
@@ -37,6 +64,7 @@ impl Navigator {
             self.path.clear();
             return self.hover(now, nav, here, goal);
         }
+        self.look_over_way(now, nav, here, goal);
         let (ahead, left_m) = self.look_ahead(here);
         self.watch_progress(now, nav, goal, left_m);
 
@@ -56,7 +84,15 @@ impl Navigator {
         let enlarged = self.radius_m + self.vfh.safety_m;
         self.histogram
             .update(self.surroundings.points(), to.norm() + enlarged);
-        let chosen = if self.vfh.enabled {
+        // Sectors of five degrees close gaps that the hull still fits through: what can be flown to straight is. Not among
+        // people, who do not stay where they are.
+        let straight_m = self.surroundings.free_m(
+            to / to.norm().max(1e-6),
+            self.radius_m + STRAIGHT_SLACK_M,
+            SURE_WEIGHT,
+        );
+        let is_straight = straight_m >= to.norm() && !self.is_somebody_about();
+        let chosen = if self.vfh.enabled && !is_straight {
             direction(&self.vfh, self.histogram.blocked(), &pull)
         } else {
             Some(target_rad)
@@ -64,21 +100,27 @@ impl Navigator {
         self.previous_rad = chosen;
         let nose = self.anchor.yaw_to_ned(chosen.unwrap_or(target_rad));
         let heading = if left_m > NOSE_FIRST_M {
-            nose
+            wrap_pi(nose + self.swing_on_the_way(now, here))
         } else {
             goal.heading.unwrap_or(nose)
         };
         let Some(chosen) = chosen else {
-            let mut s = stand(nav, goal.position.z(), nose, left_m);
+            self.plan_anew(now, nav, goal);
+            let mut s = stand(nav, goal.position.z(), heading, left_m);
             s.state = SteeringState::Blocked;
             return s;
         };
         let unit = Vector2::new(libm::cos(chosen), libm::sin(chosen));
-        let speed = self.speed(now, goal, unit, &pull, left_m);
+        let speed = self.speed(now, here, goal, unit, &pull, left_m);
+        let flown = if self.vfh.enabled && !self.is_somebody_about() {
+            self.foreseen(velocity, unit * speed)
+        } else {
+            unit * speed
+        };
         let bent = shortest_turn(chosen, target_rad).abs() > 10_f64.to_radians();
         Steering {
             setpoint: Setpoint::Velocity {
-                velocity: self.world_vector(unit * speed),
+                velocity: self.world_vector(flown),
                 down_m: Some(goal.position.z()),
                 heading: Heading::Yaw(heading),
             },
@@ -96,6 +138,7 @@ impl Navigator {
     fn speed(
         &self,
         now: Timestamp,
+        here: In<Map>,
         goal: &Goal,
         unit: Vector2<f64>,
         pull: &Pull,
@@ -112,12 +155,27 @@ impl Navigator {
         if !self.vfh.enabled {
             return speed;
         }
-        if !self.coverage.knows(now, self.anchor.yaw_to_ned(chosen_rad)) {
+        let ned = self.anchor.yaw_to_ned(chosen_rad);
+        let mut is_known = self.coverage.knows(now, ned);
+        if self.is_unmapped(now, here) {
+            // The hull's whole width must be in sight all the time; what a turn can lead into, now and then.
+            is_known &= self.coverage.knows_cone(now, ned, AHEAD_RAD)
+                && self.coverage.covers_nose(now, AHEAD_RAD);
+            if !self.coverage.covers_nose(now, SIDES_RAD) {
+                speed = speed.min(SIDES_BLIND * self.vfh.blind_mps);
+            }
+        }
+        if !is_known {
             speed = speed.min(self.vfh.blind_mps);
         }
         let corridor = self.radius_m + CORRIDOR_SLACK_M;
         let free = self.surroundings.free_m(unit, corridor, SURE_WEIGHT);
-        let stopping = stopping_speed(&self.vfh, free);
+        // What is new is believed at its second echo: slow rangers need longer.
+        let latency_s = self.vfh.latency_s + self.coverage.period_s();
+        let stopping = stopping_speed(self.vfh.brake_mps2, latency_s, free);
+        // Beside obstacles slower: the hull is not steered to the centimetre.
+        let beside_m = self.surroundings.nearest_m(SURE_WEIGHT) - self.radius_m;
+        speed = speed.min(BESIDE_MPS + BESIDE_PER_S * beside_m.max(0.0));
         let creep = if free > 0.1 { CREEP_MPS } else { 0.0 };
         speed.min(stopping.max(creep))
     }
@@ -177,6 +235,92 @@ impl Navigator {
         (ahead, left_m)
     }
 
+    fn is_somebody_about(&self) -> bool {
+        self.params.evade && self.tracker.tracks().iter().any(|t| t.is_confirmed())
+    }
+
+    /// True where the plan shows nothing nearby, or something was seen that it does not show: what else is there can only
+    /// be seen.
+    fn is_unmapped(&self, now: Timestamp, here: In<Map>) -> bool {
+        if self.is_somebody_about() {
+            return false;
+        }
+        let mut any = self.router.clearance_m(here).is_none_or(|m| m > MAPPED_M);
+        self.grid.around(here, SEEN_NEAR_M, now, |_, certainty| {
+            any |= certainty >= OBSTACLE
+        });
+        any
+    }
+
+    /// The nose's swing on the way, rad: for a ring that does not see all that the next turn can lead into.
+    fn swing_on_the_way(&self, now: Timestamp, here: In<Map>) -> f64 {
+        let is_useful = !self.coverage.covers_nose(now, SIDES_RAD) && self.coverage.has_gaps(now);
+        if !is_useful || !self.is_unmapped(now, here) {
+            return 0.0;
+        }
+        SWING_RAD * libm::sin(TAU * now.s() / SWING_S)
+    }
+
+    /// Plans anew when something that was seen since blocks the way, and now and then when there is something to plan around.
+    fn look_over_way(&mut self, now: Timestamp, nav: &NavState, here: In<Map>, goal: &Goal) {
+        // People are given way to and walk on: no way is planned around them.
+        if now.seconds_since(self.looked_over) < LOOK_OVER_S || self.is_somebody_about() {
+            return;
+        }
+        self.looked_over = now;
+        let planned_s = now.seconds_since(self.planned);
+        if self.is_blocked(now, here) || (planned_s > PLAN_AGAIN_S && self.has_seen(now, here)) {
+            self.plan_anew(now, nav, goal);
+        }
+    }
+
+    fn plan_anew(&mut self, now: Timestamp, nav: &NavState, goal: &Goal) {
+        if now.seconds_since(self.planned) < PLAN_PAUSE_S {
+            return;
+        }
+        self.planned = now;
+        if let Ok(path) = self.search(goal.position, nav) {
+            self.follow(path);
+        }
+    }
+
+    fn has_seen(&self, now: Timestamp, here: In<Map>) -> bool {
+        let mut any = false;
+        self.grid.around(here, LOOK_OVER_M, now, |_, certainty| {
+            any |= certainty >= OBSTACLE
+        });
+        any
+    }
+
+    /// True if something certain lies on the next metres of the way.
+    fn is_blocked(&self, now: Timestamp, here: In<Map>) -> bool {
+        let keep_m = self.radius_m + WAY_ROOM_M;
+        let mut from = here.with_z(0.0);
+        let mut budget_m = LOOK_OVER_M;
+        for corner in self.path.iter().skip(self.leg) {
+            let length = distance(from, *corner);
+            let steps = libm::ceil(length.min(budget_m) / 0.1);
+            for k in 0..=steps as usize {
+                let p = from + (*corner - from) * (0.1 * k as f64 / length.max(1e-6)).min(1.0);
+                let mut is_free = true;
+                self.grid.around(p, keep_m, now, |o, certainty| {
+                    is_free &= certainty < OBSTACLE
+                        || distance(o, p) >= keep_m
+                        || distance(o, here) < keep_m;
+                });
+                if !is_free {
+                    return true;
+                }
+            }
+            budget_m -= length;
+            if budget_m <= 0.0 {
+                break;
+            }
+            from = *corner;
+        }
+        false
+    }
+
     /// Plans anew when the way left does not shrink.
     fn watch_progress(&mut self, now: Timestamp, nav: &NavState, goal: &Goal, left_m: f64) {
         let since = *self.progress.since.get_or_insert(now);
@@ -184,6 +328,7 @@ impl Navigator {
             (self.progress.best_left_m, self.progress.since) = (left_m.max(1e-3), Some(now));
         } else if now.seconds_since(since) > self.params.stuck_s {
             tracing::info!(left_m, "no progress: planning anew with what was seen");
+            self.planned = now;
             if let Ok(path) = self.search(goal.position, nav) {
                 self.follow(path);
             }

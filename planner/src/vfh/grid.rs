@@ -14,6 +14,9 @@ pub const CELL_M: f64 = 0.1;
 pub const CERTAINTY_MAX: u8 = 15;
 /// From this certainty on a cell decays slowly.
 const CERTAIN: u8 = 12;
+/// Share of a new return in the mean place of its cell, and that place's unit, parts of a cell.
+const NEW_SHARE: f64 = 0.25;
+const MEAN_UNITS: f64 = 250.0;
 /// A cell counts as an obstacle for routes from this certainty on.
 pub const OBSTACLE: u8 = 6;
 
@@ -24,6 +27,8 @@ struct CellState {
     sure: bool,
     /// When it was last written, tenths of a second since boot.
     at_ds: u32,
+    /// Mean of its returns, 1/250 of a cell from the middle: gaps are narrower than two cells.
+    mean: [i8; 2],
 }
 
 /// Certainty per cell of the plan's rectangle.
@@ -83,7 +88,20 @@ impl CertaintyGrid {
     /// A return at a point.
     pub fn add_hit(&mut self, p: In<Map>, now: Timestamp) {
         let gain = self.hit;
+        let Some(i) = self.index(p) else { return };
+        let was_empty = self.decayed(self.cells[i], tenths(now)).certainty == 0;
         self.write(p, now, |c| (c + gain).min(CERTAINTY_MAX));
+        let centre = self.centre(i % self.width, i / self.width);
+        let share = if was_empty { 1.0 } else { NEW_SHARE };
+        let toward = |mean: i8, off_m: f64| {
+            let old = f64::from(mean);
+            libm::rint(old + share * (off_m / CELL_M * MEAN_UNITS - old)) as i8
+        };
+        let mean = self.cells[i].mean;
+        self.cells[i].mean = [
+            toward(mean[0], p.x() - centre.x()),
+            toward(mean[1], p.y() - centre.y()),
+        ];
     }
 
     /// Everything between two points was open. The last cell is left alone: it holds the return, or nothing is known of it.
@@ -112,7 +130,8 @@ impl CertaintyGrid {
         }
     }
 
-    /// Calls `see(centre, certainty)` for every cell above zero within a square around a point.
+    /// Calls `see(place, certainty)` for every cell above zero within a square around a point; the place is the mean of the
+    /// cell's returns.
     pub fn around(
         &self,
         centre: In<Map>,
@@ -133,7 +152,7 @@ impl CertaintyGrid {
                 if state.certainty > 0 {
                     let c = self.decayed(state, ds).certainty;
                     if c > 0 {
-                        see(self.centre(column, row), c);
+                        see(self.mean_place(state, column, row), c);
                     }
                 }
             }
@@ -154,20 +173,23 @@ impl CertaintyGrid {
             } else {
                 old.at_ds
             },
+            mean: old.mean,
         };
     }
 
     fn decayed(&self, s: CellState, now_ds: u32) -> CellState {
         let half_life = if s.sure { self.sure_ds } else { self.fresh_ds }.max(1);
-        let halvings = now_ds.saturating_sub(s.at_ds) / half_life;
-        if halvings == 0 {
+        let elapsed_ds = now_ds.saturating_sub(s.at_ds);
+        if elapsed_ds < half_life {
             return s;
         }
+        let halvings = elapsed_ds / half_life;
         let certainty = s.certainty.checked_shr(halvings).unwrap_or(0);
         CellState {
             certainty,
             sure: s.sure && certainty > 0,
             at_ds: s.at_ds + halvings * half_life,
+            mean: s.mean,
         }
     }
 
@@ -176,6 +198,11 @@ impl CertaintyGrid {
         let r = libm::floor((p.y() - self.origin[1]) / CELL_M);
         let inside = c >= 0.0 && r >= 0.0 && c < self.width as f64 && r < self.height as f64;
         inside.then(|| r as usize * self.width + c as usize)
+    }
+
+    fn mean_place(&self, state: CellState, column: usize, row: usize) -> In<Map> {
+        let [x, y] = state.mean.map(|m| f64::from(m) / MEAN_UNITS * CELL_M);
+        self.centre(column, row) + In::new(x, y, 0.0)
     }
 
     fn centre(&self, column: usize, row: usize) -> In<Map> {
@@ -216,6 +243,19 @@ mod tests {
             5,
             "the cell of the return is left alone"
         );
+    }
+
+    #[test]
+    fn a_cell_remembers_where_in_it_the_returns_lie() {
+        let mut g = grid();
+        let p = In::new(2.01, 2.08, 0.0);
+        for _ in 0..4 {
+            g.add_hit(p, T0);
+        }
+        let mut places = Vec::new();
+        g.around(p, 0.3, T0, |place, _| places.push(place));
+        assert_eq!(places.len(), 1);
+        assert!((places[0] - p).norm_xy() < 1e-3, "{places:?}");
     }
 
     #[test]

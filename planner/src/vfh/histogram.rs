@@ -67,10 +67,11 @@ impl Histogram {
             if o.distance_m > cut_m {
                 continue;
             }
-            let column = libm::rint(o.offset.x / STEP_M) as i64 + self.half;
-            let row = libm::rint(o.offset.y / STEP_M) as i64 + self.half;
-            let inside =
-                column >= 0 && row >= 0 && column < self.side as i64 && row < self.side as i64;
+            // Nearest place of the table.
+            let column = o.offset.x * (1.0 / STEP_M) + self.half as f64 + 0.5;
+            let row = o.offset.y * (1.0 / STEP_M) + self.half as f64 + 0.5;
+            let side = self.side as f64;
+            let inside = column >= 0.0 && row >= 0.0 && column < side && row < side;
             if !inside {
                 continue;
             }

@@ -35,9 +35,8 @@ pub fn direction(p: &VfhParams, blocked: &[bool; SECTORS], pull: &Pull) -> Optio
 
 /// Largest speed, m/s, from which the vehicle stops within `free_m` although it brakes only after the latency.
 #[must_use]
-pub fn stopping_speed(p: &VfhParams, free_m: f64) -> f64 {
-    let a = p.brake_mps2;
-    let t = p.latency_s;
+pub fn stopping_speed(brake_mps2: f64, latency_s: f64, free_m: f64) -> f64 {
+    let (a, t) = (brake_mps2, latency_s);
     // v t + v^2 / 2a = free, solved for v.
     (libm::sqrt(a * a * t * t + 2.0 * a * free_m.max(0.0)) - a * t).max(0.0)
 }
@@ -51,7 +50,7 @@ mod tests {
         #[test]
         fn from_the_allowed_speed_it_stops_in_time(free in 0.0..5.0f64) {
             let p = VfhParams::default();
-            let v = stopping_speed(&p, free);
+            let v = stopping_speed(p.brake_mps2, p.latency_s, free);
             let needed = v * p.latency_s + v * v / (2.0 * p.brake_mps2);
             prop_assert!(needed <= free + 1e-9 && needed >= free - 1e-9);
         }

@@ -1,6 +1,7 @@
 //! `kestrel eval`: the production estimators on recorded logs, for those who tune on their own. One file per estimator.
 
 mod attitude;
+mod avoid;
 mod chart;
 mod mcl;
 mod progress;
@@ -21,6 +22,8 @@ pub(crate) struct EvalArgs {
 enum What {
     /// Attitude of a 9-axis sensor: gyro, accelerometer, magnetometer.
     Attitude(attitude::AttitudeArgs),
+    /// Avoidance: through obstacles the planner does not know.
+    Avoid(avoid::AvoidArgs),
     /// Localization on a floor plan: ranges and odometry in, poses out.
     Mcl(mcl::MclArgs),
     /// uQuad's chain: raw counts, conversion, filter, motor speeds.
@@ -30,6 +33,7 @@ enum What {
 pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
     match args.what {
         What::Attitude(args) => attitude::run(&args),
+        What::Avoid(args) => avoid::run(&args),
         What::Mcl(args) => mcl::run(&args),
         What::Uquad(args) => uquad::run(&args),
     }

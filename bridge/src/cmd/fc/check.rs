@@ -1,9 +1,9 @@
 //! `kestrel fc check`.
 
-use super::{FcLine, say, show};
+use super::{FcLine, Way, say, show};
 use anyhow::Result;
 use bridge::fc::conversation::Controller;
-use bridge::fc::setup::{Survey, Verdict, findings};
+use bridge::fc::setup::{Survey, Verdict};
 use bridge::io::bench_line::BenchLine;
 use clap::Args;
 use std::process::ExitCode;
@@ -15,13 +15,15 @@ const TIMED: u32 = 40;
 pub(super) struct CheckArgs {
     #[command(flatten)]
     line: FcLine,
+    #[command(flatten)]
+    way: Way,
 }
 
 pub(super) fn run(args: &CheckArgs) -> Result<ExitCode> {
     let mut line = args.line.open()?;
     let survey = Survey::take(&mut line)?;
     let service_hz = service_hz(&mut line, &survey)?;
-    let table = findings(&survey, Some(service_hz));
+    let table = args.way.findings(&survey, Some(service_hz));
     show(&table);
     for blocker in &survey.blockers {
         say(&format!(
@@ -34,7 +36,11 @@ pub(super) fn run(args: &CheckArgs) -> Result<ExitCode> {
         .filter(|f| matches!(f.verdict, Verdict::ByHand(_) | Verdict::Provision(_)))
         .count();
     if missing == 0 {
-        say("fit to fly by MSP");
+        say(if args.way.beside_radio {
+            "fit to fly by MSP beside a radio"
+        } else {
+            "fit to fly by MSP"
+        });
         return Ok(ExitCode::SUCCESS);
     }
     say(&format!("{missing} missing"));

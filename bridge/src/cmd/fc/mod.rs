@@ -3,12 +3,13 @@
 mod check;
 mod monitor;
 mod motor_test;
+pub(crate) mod passthrough;
 mod provision;
 mod restore;
 
 use super::Usage;
 use anyhow::{Context as _, Result, anyhow};
-use bridge::fc::setup::{Finding, Verdict};
+use bridge::fc::setup::{Finding, Survey, Verdict, findings, findings_beside_radio};
 use bridge::io::bench_line::BenchLine;
 use bridge::io::endpoint::{Endpoint, EndpointError};
 use clap::{Args, Subcommand};
@@ -19,7 +20,7 @@ use std::process::ExitCode;
 /// Look at a flight controller, make it fit to fly by MSP, put it back.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel fc check --fc serial:///dev/ttyACM0                 what is missing, as a table\n  kestrel fc provision --fc serial:///dev/ttyACM0 --dry-run   what would be written\n  kestrel fc provision --fc serial:///dev/ttyACM0             saves the old settings, asks, writes, verifies\n  kestrel fc restore settings.json --fc serial:///dev/ttyACM0 the old settings again\n  kestrel fc motor-test --fc serial:///dev/ttyACM0 --motor 1  propellers off\n  kestrel fc monitor --fc tcpclient://127.0.0.1:5761          live values"
+    after_help = "Examples:\n  kestrel fc check --fc serial:///dev/ttyACM0                 what is missing, as a table\n  kestrel fc provision --fc serial:///dev/ttyACM0 --dry-run   what would be written\n  kestrel fc provision --fc serial:///dev/ttyACM0             saves the old settings, asks, writes, verifies\n  kestrel fc provision --fc serial:///dev/ttyACM0 --beside-radio   our sticks behind a switch of the pilot's radio\n  kestrel fc restore settings.json --fc serial:///dev/ttyACM0 the old settings again\n  kestrel fc motor-test --fc serial:///dev/ttyACM0 --motor 1  propellers off\n  kestrel fc monitor --fc tcpclient://127.0.0.1:5761          live values\n  kestrel fc passthrough --fc serial:///dev/ttyACM0           a configurator connects to 127.0.0.1:5761"
 )]
 pub(crate) struct FcArgs {
     #[command(subcommand)]
@@ -36,6 +37,8 @@ enum FcCommand {
     Restore(restore::RestoreArgs),
     /// Live values.
     Monitor(monitor::MonitorArgs),
+    /// Let a configurator have its line by TCP, while it is disarmed.
+    Passthrough(passthrough::PassthroughArgs),
     /// Turn motors one after the other, propellers off.
     MotorTest(motor_test::MotorTestArgs),
 }
@@ -46,6 +49,7 @@ pub(crate) fn run(args: FcArgs) -> Result<ExitCode> {
         FcCommand::Provision(args) => provision::run(&args),
         FcCommand::Restore(args) => restore::run(&args),
         FcCommand::Monitor(args) => monitor::run(&args),
+        FcCommand::Passthrough(args) => passthrough::run(&args),
         FcCommand::MotorTest(args) => motor_test::run(&args),
     }
 }
@@ -65,6 +69,27 @@ impl FcLine {
             .parse()
             .map_err(|e: EndpointError| Usage(e.to_string()))?;
         BenchLine::open(endpoint).map_err(|e| anyhow!(e))
+    }
+}
+
+/// How it is going to be flown.
+#[derive(Clone, Copy, Debug, Args)]
+struct Way {
+    /// Beside a pilot's radio, whose override switch lets our sticks in, instead of by MSP alone.
+    #[arg(long)]
+    beside_radio: bool,
+    /// Channel of the override switch, 4 = Aux4.
+    #[arg(long, value_name = "AUX", default_value_t = 4, requires = "beside_radio", value_parser = clap::value_parser!(u8).range(1..=14))]
+    switch: u8,
+}
+
+impl Way {
+    fn findings(self, survey: &Survey, service_hz: Option<f64>) -> Vec<Finding> {
+        if self.beside_radio {
+            findings_beside_radio(survey, self.switch.saturating_sub(1), service_hz)
+        } else {
+            findings(survey, service_hz)
+        }
     }
 }
 

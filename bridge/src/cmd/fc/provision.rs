@@ -1,10 +1,10 @@
 //! `kestrel fc provision`.
 
-use super::{FcLine, confirmed, default_file, say, show};
+use super::{FcLine, Way, confirmed, default_file, say, show};
 use anyhow::{Context as _, Result, bail};
 use bridge::fc::setup::apply::ApplyError;
 use bridge::fc::setup::findings::writes;
-use bridge::fc::setup::{Backup, Survey, Verdict, apply, findings};
+use bridge::fc::setup::{Backup, Survey, Verdict, apply};
 use clap::Args;
 use std::fs::OpenOptions;
 use std::io::Write as _;
@@ -15,6 +15,8 @@ use std::process::ExitCode;
 pub(super) struct ProvisionArgs {
     #[command(flatten)]
     line: FcLine,
+    #[command(flatten)]
+    way: Way,
     /// Only say what would be written.
     #[arg(long)]
     dry_run: bool,
@@ -29,7 +31,7 @@ pub(super) struct ProvisionArgs {
 pub(super) fn run(args: &ProvisionArgs) -> Result<ExitCode> {
     let mut line = args.line.open()?;
     let survey = Survey::take(&mut line)?;
-    let table = findings(&survey, None);
+    let table = args.way.findings(&survey, None);
     show(&table);
     let orders = writes(&table);
     let by_hand = table
@@ -64,7 +66,7 @@ pub(super) fn run(args: &ProvisionArgs) -> Result<ExitCode> {
     save(&file, &Backup::of(&survey))?;
     say(&format!("old settings saved in {}", file.display()));
     let still_missing = |survey: &Survey| {
-        let left = writes(&findings(survey, None));
+        let left = writes(&args.way.findings(survey, None));
         left.iter().map(|write| write.command).collect()
     };
     apply(&mut line, &orders, &still_missing, &mut say)?;

@@ -1,8 +1,9 @@
 //! Writing settings so that either all of them hold or the reason is said.
 
 use super::survey::Survey;
-use crate::fc::conversation::{AskError, Controller};
+use crate::fc::conversation::{AskError, Controller, read};
 use msp::command;
+use msp::message::ApiVersion;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -32,6 +33,9 @@ pub enum ApplyError {
         /// The order.
         text: String,
     },
+    /// It says that it still waits for a restart.
+    #[error("saved, but the flight controller did not restart: take its power off and on")]
+    NotRestarted,
     /// Read back, the settings are not as written.
     #[error("{} is not as written after {when}", names(.messages))]
     Differs {
@@ -82,6 +86,8 @@ pub fn apply(
         Err(AskError::Refused(_)) => return Err(ApplyError::Armed),
         other => other?,
     };
+    // Saving leaves it deaf for a moment: an order to restart would be lost, and a lost one looks like a restart.
+    read::<ApiVersion>(controller)?;
     tell("saved; restarting");
     // The answer may be lost in the restart.
     match controller.ask(command::REBOOT, &[]) {
@@ -90,6 +96,9 @@ pub fn apply(
     }
     controller.come_back()?;
     let survey = Survey::take(controller)?;
+    if survey.blockers.iter().any(|b| b.name == "REBOOT_REQUIRED") {
+        return Err(ApplyError::NotRestarted);
+    }
     check(&survey, "the restart")?;
     tell("verified after the restart");
     Ok(survey)

@@ -23,7 +23,7 @@ use msp::{Message, command};
 /// Receivers that exclude each other: PPM, UDP (simulator), serial, parallel PWM, SPI.
 const OTHER_RECEIVERS: u32 = 1 | 1 << 1 | 1 << 3 | 1 << 13 | 1 << 25;
 /// INAV: `receiver_type`.
-const INAV_RX_MSP: u8 = 2;
+pub(super) const INAV_RX_MSP: u8 = 2;
 /// RXFAIL_CONFIG: keep the last value.
 const HOLD: u8 = 1;
 /// Throttle among roll, pitch, yaw, throttle, Aux1 ...
@@ -59,7 +59,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    fn new(what: &'static str, found: impl Into<String>, verdict: Verdict) -> Self {
+    pub(super) fn new(what: &'static str, found: impl Into<String>, verdict: Verdict) -> Self {
         Self {
             what,
             found: found.into(),
@@ -71,14 +71,20 @@ impl Finding {
 /// The table for a controller. `service_hz`: messages a second it was measured to answer.
 #[must_use]
 pub fn findings(survey: &Survey, service_hz: Option<f64>) -> Vec<Finding> {
-    let mut table = vec![firmware(survey), scheduler(survey)];
-    table.extend(board(survey));
+    let mut table = common(survey);
     table.extend(receiver(survey));
     if !survey.mode_ranges().is_empty() {
         table.extend(switches(survey));
     }
     table.extend(throttle_without_receiver(survey));
     table.extend(service_hz.map(service));
+    table
+}
+
+/// What every way of flying needs.
+pub(super) fn common(survey: &Survey) -> Vec<Finding> {
+    let mut table = vec![firmware(survey), scheduler(survey)];
+    table.extend(board(survey));
     table
 }
 
@@ -198,12 +204,24 @@ const UNWANTED: [(u8, &str); 6] = [
 ];
 
 /// The slots as they will be, while they are being changed.
-struct Slots {
-    ranges: Vec<ModeRange>,
+pub(super) struct Slots {
+    pub(super) ranges: Vec<ModeRange>,
     writes: Vec<Write>,
 }
 
 impl Slots {
+    pub(super) fn of(survey: &Survey) -> Self {
+        Self {
+            ranges: survey.mode_ranges(),
+            writes: Vec::new(),
+        }
+    }
+
+    /// The orders since the last call.
+    pub(super) fn take(&mut self) -> Vec<Write> {
+        core::mem::take(&mut self.writes)
+    }
+
     /// On by the switches in one of their two states (disarmed, armed).
     fn is_on(range: &ModeRange, aux_us: &[u16]) -> bool {
         range.is_used()
@@ -225,7 +243,7 @@ impl Slots {
             .push(Write::message(text, command::SET_MODE_RANGE, &order));
     }
 
-    fn add(&mut self, range: ModeRange, text: &str) -> bool {
+    pub(super) fn add(&mut self, range: ModeRange, text: &str) -> bool {
         let free = self.ranges.iter().position(|range| !range.is_used());
         if let Some(slot) = free {
             self.set(slot, range, format!("unused -> {text}"));
@@ -241,10 +259,7 @@ impl Slots {
 
 fn switches(survey: &Survey) -> Vec<Finding> {
     let [disarmed, armed] = [false, true].map(rc_out::aux_us);
-    let mut slots = Slots {
-        ranges: survey.mode_ranges(),
-        writes: Vec::new(),
-    };
+    let mut slots = Slots::of(survey);
     let mut table = Vec::new();
     let full = || Verdict::ByHand("no mode slot is free: clear one in the configurator".to_owned());
 
@@ -267,7 +282,7 @@ fn switches(survey: &Survey) -> Vec<Finding> {
             names.push(*name);
         }
     }
-    let unwanted = core::mem::take(&mut slots.writes);
+    let unwanted = slots.take();
 
     // ARM: nothing arms with the switch low, something does with the switch high.
     for slot in 0..slots.ranges.len() {
@@ -283,7 +298,7 @@ fn switches(survey: &Survey) -> Vec<Finding> {
             ModeRange::from_us(box_id::ARM, 0, 1700, 2100),
             "ARM on Aux1 1700..2100",
         );
-    let arm = core::mem::take(&mut slots.writes);
+    let arm = slots.take();
     table.push(match (fits, arm.is_empty()) {
         (false, _) => Finding::new("arm switch", "none", full()),
         (true, true) => Finding::new("arm switch", "Aux1 high", Verdict::Fine),
@@ -306,7 +321,7 @@ fn switches(survey: &Survey) -> Vec<Finding> {
             ModeRange::from_us(box_id::ANGLE, 1, 1700, 2100),
             "ANGLE on Aux2 1700..2100",
         );
-    let angle = core::mem::take(&mut slots.writes);
+    let angle = slots.take();
     table.push(match (fits, has_angle) {
         (false, _) => Finding::new("angle mode", "none", full()),
         (true, true) => Finding::new("angle mode", "Aux2 high", Verdict::Fine),
@@ -346,7 +361,7 @@ fn throttle_without_receiver(survey: &Survey) -> Option<Finding> {
     Some(Finding::new(what, found, Verdict::Provision(vec![write])))
 }
 
-fn service(hz: f64) -> Finding {
+pub(super) fn service(hz: f64) -> Finding {
     let found = format!("{hz:.0} messages/s");
     let verdict = if hz < GOOD_SERVICE_HZ {
         Verdict::Advice(

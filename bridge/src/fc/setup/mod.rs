@@ -9,6 +9,7 @@
 //! | --- | --- |
 //! | [`survey`] | [`Survey`]: identity and every setting that may be touched, byte for byte |
 //! | [`findings`](mod@findings) | the table of what flight by MSP needs, with what is there |
+//! | [`beside_radio`] | the same for flight beside a pilot's radio |
 //! | [`backup`] | a survey as a file |
 //! | [`apply`](mod@apply) | writing, verifying, saving, restarting |
 //!
@@ -17,11 +18,13 @@
 
 pub mod apply;
 pub mod backup;
+pub mod beside_radio;
 pub mod findings;
 pub mod survey;
 
 pub use apply::{ApplyError, Write, apply};
 pub use backup::{Backup, BackupError};
+pub use beside_radio::findings_beside_radio;
 pub use findings::{Finding, Verdict, findings};
 pub use survey::Survey;
 

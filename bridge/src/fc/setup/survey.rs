@@ -3,8 +3,8 @@
 use crate::fc::conversation::{AskError, Controller, read};
 use msp::firmware::{ArmingBlocker, Firmware, box_id};
 use msp::message::{
-    ApiVersion, BoardInfo, BoxIds, FcVariant, FcVersion, FeatureConfig, ModeRange, ModeRanges,
-    Reply, RxConfig, RxMap, Uid,
+    ApiVersion, BoardInfo, BoxIds, FcVariant, FcVersion, FeatureConfig, Ident, ModeRange,
+    ModeRanges, Reply, RxConfig, RxMap, Uid,
 };
 use msp::{Identity, Message as _, command};
 use std::collections::BTreeMap;
@@ -117,7 +117,12 @@ impl Survey {
 /// # Errors
 /// [`AskError`]: silent.
 pub fn identify(controller: &mut dyn Controller) -> Result<Identity, AskError> {
-    let api: ApiVersion = read(controller)?;
+    let api: ApiVersion = match read(controller) {
+        Err(e @ (AskError::Refused(_) | AskError::Silent(_))) => {
+            return identify_multiwii(controller).map_err(|_| e);
+        }
+        answer => answer?,
+    };
     let firmware = Firmware::from(read::<FcVariant>(controller)?);
     let version: FcVersion = read(controller)?;
     let board = optional(read::<BoardInfo>(controller))?;
@@ -131,6 +136,30 @@ pub fn identify(controller: &mut dyn Controller) -> Result<Identity, AskError> {
         box_ids,
         rx_map: rx_map.unwrap_or_else(|| firmware.default_rx_map()),
         has_multiple_msp: firmware.has_multiple_msp(api),
+    })
+}
+
+/// One that knows no API_VERSION: it is asked as MultiWii was.
+fn identify_multiwii(controller: &mut dyn Controller) -> Result<Identity, AskError> {
+    let ident: Ident = read(controller)?;
+    let firmware = Firmware::MultiWii;
+    Ok(Identity {
+        firmware,
+        api: ApiVersion {
+            protocol: 0,
+            major: 0,
+            minor: 0,
+        },
+        version: FcVersion {
+            major: ident.version / 100,
+            minor: ident.version % 100,
+            patch: 0,
+            text: None,
+        },
+        board: None,
+        box_ids: read(controller)?,
+        rx_map: firmware.default_rx_map(),
+        has_multiple_msp: false,
     })
 }
 

@@ -9,31 +9,38 @@ use super::status::standard_mode_enum;
 use super::table::View;
 use crate::autopilot::mode::Mode;
 use crate::gcs::convert::mode_to_px4;
+use crate::gcs::metadata;
 use mavlink_dialect::standard::{
-    AVAILABLE_MODES_DATA, MavMessage, MavModeProperty, PROTOCOL_VERSION_DATA,
+    AVAILABLE_MODES_DATA, COMPONENT_METADATA_DATA, MavMessage, MavModeProperty,
+    PROTOCOL_VERSION_DATA,
 };
 use mavlink_dialect::{Message, raw};
 
-/// MAV_PROTOCOL_CAPABILITY bits: what is built. Files (0x20), fence (0x4000) and rally points (0x8000) are not yet;
-/// exactly one of the parameter encodings is named, bytewise.
+/// MAV_PROTOCOL_CAPABILITY bits: what is built. Exactly one of the parameter encodings is named, bytewise.
 pub const CAPABILITIES: u64 = MISSION_FLOAT
     | MISSION_INT
     | COMMAND_INT
     | PARAM_ENCODE_BYTEWISE
+    | FTP
     | SET_ATTITUDE_TARGET
     | SET_POSITION_TARGET_LOCAL_NED
     | SET_POSITION_TARGET_GLOBAL_INT
     | FLIGHT_TERMINATION
-    | MAVLINK2;
+    | MAVLINK2
+    | MISSION_FENCE
+    | MISSION_RALLY;
 const MISSION_FLOAT: u64 = 0x1;
 const MISSION_INT: u64 = 0x4;
 const COMMAND_INT: u64 = 0x8;
 const PARAM_ENCODE_BYTEWISE: u64 = 0x10;
+const FTP: u64 = 0x20;
 const SET_ATTITUDE_TARGET: u64 = 0x40;
 const SET_POSITION_TARGET_LOCAL_NED: u64 = 0x80;
 const SET_POSITION_TARGET_GLOBAL_INT: u64 = 0x100;
 const FLIGHT_TERMINATION: u64 = 0x800;
 const MAVLINK2: u64 = 0x2000;
+const MISSION_FENCE: u64 = 0x4000;
+const MISSION_RALLY: u64 = 0x8000;
 
 /// The PX4 whose conventions we follow, 1.15.0; type 0 (development) keeps QGroundControl from offering an update.
 pub const FLIGHT_SW_VERSION: u32 = 0x010F_0000;
@@ -81,6 +88,17 @@ pub(super) fn protocol_version(_: &View<'_>, out: &mut Vec<Message>) {
     );
 }
 
+pub(super) fn component_metadata(v: &View<'_>, out: &mut Vec<Message>) {
+    out.push(
+        MavMessage::COMPONENT_METADATA(COMPONENT_METADATA_DATA {
+            time_boot_ms: v.now.boot_ms(),
+            file_crc: metadata::general_crc(),
+            uri: metadata::GENERAL_URI.into(),
+        })
+        .into(),
+    );
+}
+
 /// All modes, one message each.
 pub(super) fn available_modes(_: &View<'_>, out: &mut Vec<Message>) {
     for (index, mode) in (1u8..).zip(Mode::ALL) {
@@ -112,8 +130,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn capabilities_are_those_of_the_contract_less_what_is_not_built() {
-        assert_eq!(CAPABILITIES, 0xE9FD & !(0x20 | 0x4000 | 0x8000));
+    fn capabilities_are_those_of_the_contract() {
+        assert_eq!(CAPABILITIES, 0xE9FD);
     }
 
     #[test]

@@ -76,6 +76,7 @@ pub(super) const TABLE: &[Row] = &[
     row(300, 0.0, identity::protocol_version),
     row(330, 5.0, ranges::obstacle_distance),
     row(331, 10.0, pose::odometry),
+    row(397, 0.0, identity::component_metadata),
     row(AVAILABLE_MODES, 0.0, identity::available_modes),
     // Begins on a link where somebody asks for AVAILABLE_MODES: older dialects count an id they do not know as a lost frame.
     row(CURRENT_MODE, 0.0, status::current_mode),

@@ -13,7 +13,7 @@
 
 use super::super::clock;
 use rustix::process::{Pid, Signal, kill_process_group};
-use sim::firmware::{MOTOR_PORT, STATE_PORT, UART1_PORT};
+use sim::firmware::betaflight::{MOTOR_PORT, STATE_PORT, UART1_PORT};
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpStream, UdpSocket};

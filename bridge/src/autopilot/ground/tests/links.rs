@@ -211,3 +211,75 @@ proptest! {
         prop_assert_eq!(bench.count_of(A, 0), 1, "the heart beats on");
     }
 }
+
+#[test]
+fn a_signed_link_hears_only_who_knows_its_key_and_signs_what_it_says() {
+    use crate::gcs::signing;
+    use mavlink_dialect::signing::{SigningKey, SigningState};
+    let key = SigningKey::from_passphrase("hangar");
+    let (signed, open) = (LinkId::of(1, 1), LinkId::of(0, 1));
+    let mut bench = Bench::new();
+    bench.ground.set_keys(vec![None, Some(key.clone())]);
+    bench.link_up(signed);
+    bench.link_up(open);
+    let asks = |bench: &mut Bench, link, bytes: &[u8]| {
+        bench.requests.clear();
+        bench.ground.receive(bench.now, link, bytes, true);
+        bench.collect();
+        bench.requests.len()
+    };
+    let arm: Message = Raw::COMMAND_LONG(raw::COMMAND_LONG_DATA {
+        command: 400,
+        param1: 1.0,
+        target_system: 1,
+        target_component: 1,
+        ..Default::default()
+    })
+    .into();
+    let mut state = SigningState::new(0);
+    state.set_utc(1_800_000_000_000_000);
+    let mut encoder = Encoder::new(GCS);
+    let plain = encoder.encode_message(&arm);
+    assert_eq!(asks(&mut bench, signed, &plain), 0, "unsigned");
+    let foreign = encoder.encode_signed(&arm, &SigningKey::from_passphrase("x"), 1, state.stamp());
+    assert_eq!(asks(&mut bench, signed, &foreign), 0, "wrong key");
+    let good = encoder.encode_signed(&arm, &key, 1, state.stamp());
+    assert_eq!(asks(&mut bench, signed, &good), 1, "signed");
+    assert_eq!(asks(&mut bench, signed, &good), 0, "replayed");
+    assert_eq!(
+        asks(&mut bench, LinkId::of(1, 2), &good),
+        0,
+        "replayed on another link of the endpoint"
+    );
+    bench.ground.link_down(LinkId::of(1, 2));
+    assert_eq!(bench.ground.counters().rejected_signatures, 4);
+    assert_eq!(
+        asks(&mut bench, open, &plain),
+        0,
+        "a repeat while the first one runs"
+    );
+    bench.run_for(2_000);
+    let unsigned = bench.on(signed).find(|f| !f.is_signed);
+    assert_eq!(unsigned, None);
+    assert!(bench.on(signed).count() > 5);
+    assert!(bench.on(open).all(|f| !f.is_signed));
+    assert!(bench.documents.iter().any(|d| d.name == signing::DOCUMENT));
+    // Keys are not set over the air.
+    let setup: Message = Std::SETUP_SIGNING(standard::SETUP_SIGNING_DATA {
+        target_system: 1,
+        target_component: 1,
+        secret_key: [9; 32],
+        ..Default::default()
+    })
+    .into();
+    let setup = encoder.encode_signed(&setup, &key, 1, state.stamp());
+    bench.ground.receive(bench.now, signed, &setup, true);
+    bench.collect();
+    let good = encoder.encode_signed(&arm, &key, 1, state.stamp());
+    bench.run_for(12_000);
+    assert_eq!(
+        asks(&mut bench, signed, &good),
+        1,
+        "the old key still holds"
+    );
+}

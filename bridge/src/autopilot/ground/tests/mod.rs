@@ -36,6 +36,7 @@ struct Bench {
     heard: Vec<(Timestamp, LinkId, Frame)>,
     requests: Vec<Asked>,
     documents: Vec<Document>,
+    jobs: Vec<(Ticket, DiskJob)>,
 }
 
 impl Bench {
@@ -58,6 +59,7 @@ impl Bench {
             heard: Vec::new(),
             requests: Vec::new(),
             documents: Vec::new(),
+            jobs: Vec::new(),
         }
     }
 
@@ -76,6 +78,7 @@ impl Bench {
         while let Some(output) = self.ground.poll() {
             match output {
                 GroundOutput::Keep(document) => self.documents.push(document),
+                GroundOutput::Disk(ticket, job) => self.jobs.push((ticket, job)),
                 GroundOutput::Request(asked) => self.requests.push(asked),
                 GroundOutput::Send { link, bytes } => {
                     let (heard, now) = (&mut self.heard, self.now);

@@ -1,6 +1,8 @@
 //! Handshakes and small services.
 
 use super::*;
+use crate::gcs::disk::DiskReply;
+use crate::gcs::metadata;
 
 #[test]
 fn qgroundcontrol_connects() {
@@ -33,8 +35,19 @@ fn qgroundcontrol_connects() {
         .collect();
     assert_eq!(modes, (1..=9).map(|i| (i, 9)).collect::<Vec<_>>());
     bench.command(512, 397.0, 0.0);
+    let metadata = bench.on(A).find_map(|f| match &f.message {
+        Message::Standard(Std::COMPONENT_METADATA(m)) => {
+            Some((m.file_crc, m.uri.to_str().unwrap().to_owned()))
+        }
+        _ => None,
+    });
+    let (crc, uri) = metadata.expect("COMPONENT_METADATA");
+    assert_eq!(
+        (crc, uri.as_str()),
+        (metadata::general_crc(), "mftp:///general.json.xz")
+    );
     bench.command(512, 395.0, 0.0);
-    assert_eq!(bench.acks(), [(512, 0), (512, 0), (512, 3), (512, 3)]);
+    assert_eq!(bench.acks(), [(512, 0), (512, 0), (512, 0), (512, 3)]);
     let hash_check = standard::PARAM_REQUEST_READ_DATA {
         param_index: -1,
         target_system: 1,
@@ -95,6 +108,12 @@ fn clocks_files_and_logs_are_answered_on_the_link_that_asked() {
         start: 0,
         end: 0xFFFF,
     }));
+    let (ticket, _) = bench
+        .jobs
+        .pop()
+        .expect("the list of logs is asked of the disk");
+    bench.ground.disk(bench.now, ticket, &DiskReply::NotFound);
+    bench.collect();
     let said: Vec<_> = bench.on(A).map(|f| f.message.clone()).collect();
     assert_eq!(bench.on(B).count(), 0);
     assert_eq!(said.len(), 3, "{said:?}");

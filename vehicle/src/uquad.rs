@@ -1,6 +1,12 @@
-//! Constants of the craft. Motors: 0 front, 1 left, 2 rear, 3 right; 0 and 2 turn one way, 1 and 3 the other.
+//! Constants of uQuad, a craft flown by motor speeds. Motors: 0 front, 1 left, 2 rear, 3 right; 0 and 2 turn counter-clockwise,
+//! 1 and 3 clockwise. Filter, control and simulator take them from here.
 
-use crate::imu::GRAVITY_MPS2;
+/// Gravity as the thesis counts it, m/s2.
+pub const GRAVITY_MPS2: f64 = 9.81;
+/// Faster than this no motor is asked to turn by the thesis, rad/s; its driver refuses it earlier, at [`DRIVER_SPEED_RADPS`].
+pub const MAX_SPEED_RADPS: f64 = 387.0;
+/// Fastest the motor driver accepts (220 of its units), rad/s: the real limit.
+pub const DRIVER_SPEED_RADPS: f64 = 368.16;
 
 /// Mass, inertia, thrust and drag.
 #[derive(Clone, Copy, Debug, PartialEq)]

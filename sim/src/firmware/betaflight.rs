@@ -1,4 +1,4 @@
-//! The wire between a physics simulator and Betaflight's own simulator build: the real firmware in place of the fake one.
+//! The datagrams of Betaflight's simulator build.
 //!
 //! The firmware is a program that takes the state of the body as UDP datagrams and answers with motor commands. It runs on
 //! the wall clock, stretched by `step of the time stamps / time between their arrivals` of the last two packets, so that every
@@ -28,9 +28,9 @@
 //!
 //! Measured on running firmware (Betaflight 4.6.0, MSP API 1.47; 2026.12.0-alpha, API 1.49).
 
+use super::{Felt, pressure_pa};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use thiserror::Error;
-use vehicle::{Frd, In, Ned, Rot};
 
 /// UDP port on which the firmware takes states.
 pub const STATE_PORT: u16 = 9003;
@@ -49,8 +49,6 @@ pub const RC_LEN: usize = 40;
 
 /// The time stamp of every packet, s. Any number but zero would do as long as it never changes.
 const CONSTANT_STAMP_S: f64 = 1.0;
-/// Standard atmosphere at sea level, Pa.
-const SEA_LEVEL_PA: f64 = 101_325.0;
 
 /// Which edition of the packets a firmware speaks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,19 +70,6 @@ impl Dialect {
             Self::Betaflight46
         }
     }
-}
-
-/// What the sensors of a flight controller feel. Not the truth: biases, noise and a heading without compass are in it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Felt {
-    /// Angular rate, rad/s.
-    pub rates_radps: In<Frd>,
-    /// Specific force, m/s2; at rest (0, 0, -9.81).
-    pub specific_force_mps2: In<Frd>,
-    /// Attitude as an estimator of the controller would have it.
-    pub attitude: Rot<Frd, Ned>,
-    /// Barometric altitude above the floor, m.
-    pub altitude_m: f64,
 }
 
 /// A state as the firmware takes it. Indoors there is no GPS: the place is constant and the velocity zero.
@@ -130,11 +115,6 @@ pub fn state_packet(dialect: Dialect, felt: &Felt) -> [u8; STATE_LEN] {
 fn quarter_turn() -> UnitQuaternion<f64> {
     let half = core::f64::consts::FRAC_1_SQRT_2;
     UnitQuaternion::from_quaternion(Quaternion::from_parts(half, Vector3::new(0.0, 0.0, half)))
-}
-
-/// International standard atmosphere (ISO 2533), troposphere.
-fn pressure_pa(altitude_m: f64) -> f64 {
-    SEA_LEVEL_PA * libm::pow(1.0 - altitude_m / 44_330.77, 5.255_88)
 }
 
 /// Why a datagram is no motor packet.
@@ -188,6 +168,7 @@ pub fn rc_packet(channels_us: &[u16; 16]) -> [u8; RC_LEN] {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use vehicle::{In, Rot};
 
     fn field(packet: &[u8], index: usize) -> f64 {
         f64::from_le_bytes(packet[8 * index..8 * index + 8].try_into().unwrap())
