@@ -42,8 +42,9 @@ impl Estimator {
     pub(super) fn heading_increment(&mut self, a: &AttitudeSample) {
         // The window is counted at the filter's time, a few milliseconds from the heading's.
         let x = self.navigation.state();
-        let to_yaw = aid::yaw::observe(x).row;
+        let to_yaw = aid::yaw::observe(x);
         let yaw_rate = to_yaw
+            .row()
             .fixed_rows::<3>(ATTITUDE)
             .dot(&self.navigation.rates());
         let now = self.navigation.at();
