@@ -40,6 +40,8 @@ enum Command {
     Motors(cmd::motors::MotorsArgs),
     /// Look into the protocol of flight controllers.
     Msp(cmd::msp::MspArgs),
+    /// Talk to a vehicle over MAVLink: status, parameters, missions, keys, logs.
+    Mav(cmd::mav::MavArgs),
     /// Make and show keys of signed MAVLink links.
     Keys(cmd::keys::KeysArgs),
     /// List every parameter.
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Command::Fc(args) => cmd::fc::run(args),
         Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),
+        Command::Mav(args) => cmd::mav::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),

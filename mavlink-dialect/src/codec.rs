@@ -289,6 +289,37 @@ impl Encoder {
     }
 }
 
+/// A frame that came in on one link, to go out on another: the same sender, number and payload. A signature belongs to the link it came
+/// by and is left behind; `sign` (key, link id, time stamp) makes the one of the new link. None if it cannot be: a frame of version 1
+/// carries no signature.
+#[must_use]
+pub fn passed_on(wire: &[u8], sign: Option<(&SigningKey, u8, u64)>) -> Option<FrameBytes> {
+    let is_v2 = wire.first() == Some(&STX_V2);
+    let was_signed = is_v2 && wire.get(2)? & SIGNED != 0;
+    let mut out = FrameBytes::new();
+    if !was_signed && sign.is_none() {
+        out.try_extend_from_slice(wire).ok()?;
+        return Some(out);
+    }
+    if !is_v2 {
+        return None;
+    }
+    let body = 10 + usize::from(*wire.get(1)?);
+    out.try_extend_from_slice(wire.get(..body)?).ok()?;
+    out[2] = if sign.is_some() { SIGNED } else { 0 };
+    let id = u32::from_le_bytes([wire[7], wire[8], wire[9], 0]);
+    let extra = Message::crc_extra(id)?;
+    let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[extra]);
+    out.extend(sum.to_le_bytes());
+    if let Some((key, link_id, stamp)) = sign {
+        out.push(link_id);
+        out.extend(stamp.to_le_bytes().into_iter().take(6));
+        let tag = key.tag(&out);
+        out.extend(tag);
+    }
+    Some(out)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -352,6 +383,26 @@ mod tests {
                 .as_slice(),
             theirs.as_slice()
         );
+    }
+
+    #[test]
+    fn a_frame_passed_on_keeps_all_but_its_signature() {
+        let key = SigningKey::from_passphrase("hangar");
+        let message = Message::Standard(standard::MavMessage::ATTITUDE(attitude(5)));
+        let plain = Encoder::new(US).encode_message(&message);
+        assert_eq!(passed_on(&plain, None).unwrap(), plain);
+        let signed = Encoder::new(US).encode_signed(&message, &key, 3, 77);
+        assert_eq!(passed_on(&signed, None).unwrap(), plain);
+        assert_eq!(passed_on(&plain, Some((&key, 3, 77))).unwrap(), signed);
+        let mut v1 = Vec::new();
+        let header = mavlink::MavHeader::default();
+        let beat = raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA::default());
+        mavlink::write_v1_msg(&mut v1, header, &beat).unwrap();
+        assert_eq!(passed_on(&v1, None).unwrap().as_slice(), v1.as_slice());
+        assert_eq!(passed_on(&v1, Some((&key, 3, 77))), None);
+        for n in 0..plain.len() {
+            let _ = passed_on(&signed[..n], Some((&key, 1, 1)));
+        }
     }
 
     #[test]

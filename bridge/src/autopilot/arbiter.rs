@@ -352,6 +352,10 @@ impl Arbiter {
             | Request::SetHome(_)
             | Request::SetParam { .. }
             | Request::GroundHeartbeat
+            | Request::Calibrate(_)
+            | Request::EndBenchWork
+            | Request::TurnMotor(_)
+            | Request::RestartFc
             | Request::ShutDown => Err(Refusal::Unsupported),
         }
     }

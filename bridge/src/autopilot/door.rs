@@ -4,6 +4,7 @@
 //! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
 //! ([`Refusal`], [`Notice`]) and become words in `Ground`.
 
+use super::bench_work::{MotorTurn, Progress, Sensor};
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
@@ -11,6 +12,7 @@ use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
 use msp::message::FcVariant;
 use planner::mission::Plan;
+use planner::navigator::Avoidance;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
@@ -99,6 +101,14 @@ pub enum Request {
     GroundHeartbeat,
     /// Land (or disarm on the ground); the program wants to end.
     ShutDown,
+    /// Calibrate a sensor of the flight controller, on the ground.
+    Calibrate(Sensor),
+    /// End what is done to the flight controller: a motor test stops, a calibration is no longer waited for.
+    EndBenchWork,
+    /// Turn a motor, on the ground (parameter KST_MOTOR_TEST).
+    TurnMotor(MotorTurn),
+    /// Restart the flight controller, on the ground.
+    RestartFc,
 }
 
 /// Target of [`Request::GoTo`]; none keeps what is.
@@ -296,6 +306,8 @@ pub enum Refusal {
     Flying,
     /// Needs to be armed first.
     NotArmed,
+    /// Needs to be disarmed first.
+    Armed,
     /// No plan is stored.
     NoPlan,
     /// The plan has no such item.
@@ -343,6 +355,12 @@ pub enum Refusal {
     PilotArms,
     /// The pilot's radio steers; his override switch is off.
     PilotSteers,
+    /// A calibration, motor test or restart is under way.
+    BenchBusy,
+    /// Motor tests are switched off.
+    MotorTestOff,
+    /// The flight controller refused the order.
+    FcRefused,
 }
 
 impl Refusal {
@@ -354,7 +372,10 @@ impl Refusal {
             | Self::PlaceBlocked
             | Self::NoSuchItem { .. }
             | Self::Flying
-            | Self::NotArmed => RefusalClass::Denied,
+            | Self::MotorTestOff
+            | Self::FcRefused
+            | Self::NotArmed
+            | Self::Armed => RefusalClass::Denied,
             Self::Unsupported => RefusalClass::Unsupported,
             _ => RefusalClass::NotNow,
         }
@@ -375,6 +396,7 @@ impl fmt::Display for Refusal {
             Self::NotFlying => write!(f, "not flying"),
             Self::Flying => write!(f, "flying: land first"),
             Self::NotArmed => write!(f, "not armed"),
+            Self::Armed => write!(f, "armed: disarm first"),
             Self::NoPlan => write!(f, "no mission stored"),
             Self::NoSuchItem { seq, total } => {
                 write!(f, "no mission item {seq} (there are {total})")
@@ -400,6 +422,9 @@ impl fmt::Display for Refusal {
             ),
             Self::ArmingUnderWay => write!(f, "arming is under way"),
             Self::DisarmedMeanwhile => write!(f, "disarmed meanwhile"),
+            Self::BenchBusy => write!(f, "a calibration, motor test or restart is under way"),
+            Self::MotorTestOff => write!(f, "propellers off, then set KST_MOTOR_TEST to 1"),
+            Self::FcRefused => write!(f, "the flight controller refuses it"),
             Self::PilotArms => write!(f, "the pilot arms and disarms with his radio"),
             Self::PilotSteers => write!(
                 f,
@@ -617,6 +642,13 @@ pub enum Notice {
     },
     /// The control loop of the flight controller stands still.
     FcStalled,
+    /// How a calibration stands.
+    Calibration {
+        /// Of what.
+        sensor: Sensor,
+        /// How far.
+        progress: Progress,
+    },
 }
 
 impl Notice {
@@ -708,6 +740,19 @@ impl fmt::Display for Notice {
                 write!(f, "FC serves {service_hz}/s: raise the baud rate")
             }
             Self::FcStalled => write!(f, "FC control loop stands still: restart it"),
+            // PX4's words: QGroundControl and MAVSDK read them.
+            Self::Calibration { sensor, progress } => {
+                let name = sensor.name();
+                match progress {
+                    Progress::Started => write!(f, "[cal] calibration started: 2 {name}"),
+                    Progress::Half => write!(f, "[cal] progress <50>"),
+                    Progress::Done => write!(f, "[cal] calibration done: {name}"),
+                    Progress::Failed => {
+                        write!(f, "[cal] calibration failed: {name}: no answer")
+                    }
+                    Progress::Cancelled => write!(f, "[cal] calibration cancelled"),
+                }
+            }
         }
     }
 }
@@ -821,6 +866,12 @@ pub struct Snapshot {
     pub velocity_target: In<Ned>,
     /// Thrust that control asks for, 0..=1.
     pub thrust_target: f64,
+    /// Acceleration that control asks for, m/s2.
+    pub accel_target: In<Ned>,
+    /// Yaw rate that control asks for, clockwise, rad/s.
+    pub yaw_rate_target_radps: f64,
+    /// What obstacle avoidance chose last.
+    pub avoidance: Avoidance,
     /// Sticks sent last.
     pub sticks: Sticks,
     /// RC channels sent last, us: roll, pitch, throttle, yaw, aux ...

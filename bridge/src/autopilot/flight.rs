@@ -14,6 +14,7 @@ mod tests;
 use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
+use super::bench_work::BenchWork;
 use super::door::{Event, FcStatus, Notice, Snapshot};
 use super::handover::Handover;
 use super::health;
@@ -89,6 +90,7 @@ pub struct Flight {
     fc_arm: FcArmState,
     link: controller::Link,
     handover: Handover,
+    bench_work: BenchWork,
     fc: FcStatus,
     air: Air,
     home: In<Ned>,
@@ -171,6 +173,7 @@ impl Flight {
             fc_arm: FcArmState::default(),
             link: controller::Link::default(),
             handover: Handover::new(settings.autopilot.radio),
+            bench_work: BenchWork::default(),
             fc: FcStatus::default(),
             air: Air::Ground,
             home: In::zero(),
@@ -289,6 +292,7 @@ impl Flight {
         let nav = *self.estimator.state();
         self.notice_localization(now, &nav);
         self.confirm_arming(now);
+        self.bench_step(now);
 
         // Arbitrate and plan.
         self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
@@ -610,6 +614,9 @@ impl Flight {
         );
         s.velocity_target = self.control.velocity_sp;
         s.thrust_target = self.control.thrust_fraction;
+        s.accel_target = self.control.accel_sp;
+        s.yaw_rate_target_radps = self.control.yaw_rate_sp_radps;
+        s.avoidance = self.navigator.avoidance();
         s.sticks = sticks;
         s.fc = self.fc;
         s.flight_loop.sample_to_command = self.latency.summary();

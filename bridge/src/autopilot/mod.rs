@@ -6,6 +6,7 @@
 pub mod arbiter;
 pub mod arming;
 pub mod beat;
+pub mod bench_work;
 pub mod door;
 pub mod failsafe_page;
 pub mod flight;

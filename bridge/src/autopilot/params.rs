@@ -55,6 +55,8 @@ vehicle::params! {
         battery_low_percent: float "BAT_LOW_THR" = 15.0, "%", 0.0..=60.0;
         /// A pilot's radio stays connected to the flight controller and takes over by its MSP OVERRIDE switch (override mask 15).
         radio: bool "KST_RADIO" = false;
+        /// Motors may be turned by DO_MOTOR_TEST and ACTUATOR_TEST while disarmed: propellers off first.
+        motor_test: bool "KST_MOTOR_TEST" = false;
         /// RC frames a second (Betaflight drops the craft after 0.3 s without one; its serial task serves 100 messages/s).
         rc_hz: int "KST_RC_HZ" = 40, "Hz", 20..=250;
     }

@@ -28,6 +28,8 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use vehicle::{Airframe, Pace, RingConfig, Timestamp};
 
+/// Where stations of the local network listen, when no link is named: they find the vehicle and may watch.
+const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
 /// How often the door is looked at when no link speaks.
 const LOOK: Duration = Duration::from_millis(2);
 /// A controller that has not said who it is after this does not hear us, or we not it.
@@ -47,7 +49,7 @@ pub(crate) struct FlyArgs {
     /// Floor plan (ROS map_server YAML).
     #[arg(long, value_name = "PLAN.yaml")]
     map: PathBuf,
-    /// MAVLink endpoint (repeatable); only these open.
+    /// MAVLink endpoint (repeatable); only these open. None: announced by broadcast to port 14550, where stations may watch. Options: ?role=viewer|pilot|engineer&key=file:PATH|pass:TEXT&rate=BYTES_PER_S&route=on.
     #[arg(long, value_name = "URL")]
     mavlink: Vec<String>,
     /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`; default: the plan's home.
@@ -72,6 +74,9 @@ pub(crate) struct FlyArgs {
     /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
     #[arg(long, value_name = "URL")]
     passthrough: Option<String>,
+    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
+    #[arg(long, value_name = "URL")]
+    video: Option<String>,
     /// No status line.
     #[arg(long)]
     headless: bool,
@@ -86,13 +91,11 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         .fc
         .parse()
         .map_err(|e: EndpointError| Usage(e.to_string()))?;
-    if args.mavlink.is_empty() {
-        return Err(Usage(
-            "name at least one --mavlink endpoint: in `fly` only named links open".to_owned(),
-        )
-        .into());
-    }
-    let wanted = parse_endpoints(&args.mavlink)?;
+    let wanted = if args.mavlink.is_empty() {
+        parse_endpoints(&[ANNOUNCE.to_owned()])?
+    } else {
+        parse_endpoints(&args.mavlink)?
+    };
     let plan = Arc::new(load_plan(&args.map)?);
     let ring = match RingConfig::built_in(&args.rangers) {
         Ok(ring) => ring,
@@ -162,7 +165,8 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         seed: boot_utc_us,
     };
     let flight = Flight::new(clock.now(), config);
-    ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+    ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+    ground.set_video(super::video(args.video.as_deref())?);
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;

@@ -6,6 +6,7 @@ pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;
 pub(crate) mod keys;
+pub(crate) mod mav;
 pub(crate) mod motors;
 pub(crate) mod msp;
 pub(crate) mod msp_ask;
@@ -19,6 +20,7 @@ pub(crate) mod stop;
 pub(crate) mod term;
 
 use anyhow::{Context as _, Result};
+use bridge::gcs::camera::VideoStream;
 use bridge::settings::{Origin, Settings};
 use std::path::Path;
 use vehicle::FloorPlan;
@@ -53,6 +55,13 @@ pub(crate) fn apply_sets(settings: &mut Settings, sets: &[String]) -> Result<()>
             .map_err(|e| Usage(e.to_string()))?;
     }
     Ok(())
+}
+
+/// `--video URL`.
+pub(crate) fn video(url: Option<&str>) -> Result<Option<VideoStream>> {
+    url.map(VideoStream::parse)
+        .transpose()
+        .map_err(|e| Usage(e.to_string()).into())
 }
 
 /// A floor plan from its YAML file.

@@ -7,6 +7,7 @@ use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
 use bridge::gcs::Document;
+use bridge::gcs::access::LinkPolicy;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, LockstepConfig};
@@ -89,6 +90,9 @@ pub(crate) struct SimArgs {
     /// MAVLink endpoint (repeatable); replaces the default set.
     #[arg(long, value_name = "URL")]
     pub(crate) mavlink: Vec<String>,
+    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
+    #[arg(long, value_name = "URL")]
+    pub(crate) video: Option<String>,
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
@@ -147,6 +151,7 @@ impl Default for SimArgs {
             fc_dir: None,
             no_provision: false,
             mavlink: Vec::new(),
+            video: None,
             truth: None,
             log: None,
             state_dir: None,
@@ -428,10 +433,14 @@ impl SimArgs {
                 .map(|link| {
                     let port = link.port + 10 * self.instance;
                     let address = format!("127.0.0.1:{port}");
+                    let endpoint = (link.endpoint)(address);
                     Wanted {
-                        endpoint: (link.endpoint)(address),
+                        policy: LinkPolicy {
+                            url: endpoint.to_string(),
+                            ..LinkPolicy::default()
+                        },
+                        endpoint,
                         is_default: true,
-                        key: None,
                     }
                 })
                 .collect()
@@ -440,7 +449,10 @@ impl SimArgs {
         };
         lockstep
             .ground
-            .set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+            .set_video(super::video(self.video.as_deref())?);
+        lockstep
+            .ground
+            .set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
         Links::open(&wanted).map_err(|e| anyhow!(e))
     }
 }
@@ -491,12 +503,12 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
     urls.iter()
         .map(|url| {
             let wrong = |e: EndpointError| Usage(e.to_string());
-            let (url, key) = endpoint::split_key(url).map_err(wrong)?;
+            let (url, policy) = endpoint::split_options(url).map_err(wrong)?;
             let endpoint: Endpoint = url.parse().map_err(wrong)?;
             Ok(Wanted {
                 endpoint,
                 is_default: false,
-                key,
+                policy,
             })
         })
         .collect()

@@ -5,8 +5,8 @@
 
 use super::endpoint::Endpoint;
 use crate::gcs::LinkId;
+use crate::gcs::access::LinkPolicy;
 use mavlink_dialect::FrameBytes;
-use mavlink_dialect::signing::SigningKey;
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -92,14 +92,15 @@ pub struct Wanted {
     pub endpoint: Endpoint,
     /// A default: if its port is taken, the next free one is used.
     pub is_default: bool,
-    /// Frames there are signed with this key, and only such are taken.
-    pub key: Option<SigningKey>,
+    /// What its links may do.
+    pub policy: LinkPolicy,
 }
 
 /// A socket bound before the thread starts, so that errors reach the user at once.
 enum Bound {
     UdpServer(std::net::UdpSocket),
     UdpClient(std::net::UdpSocket, SocketAddr),
+    UdpBroadcast(std::net::UdpSocket, SocketAddr),
     TcpServer(std::net::TcpListener),
     TcpClient(String),
     Serial { device: String, baud: u32 },
@@ -116,10 +117,7 @@ impl Links {
         for w in wanted {
             let (b, text) = bind(w)?;
             bound.push(b);
-            described.push(match w.key {
-                Some(_) => format!("{text} (signed)"),
-                None => text,
-            });
+            described.push(text + &told(&w.policy));
         }
         let (to_core, events) = std_mpsc::sync_channel(TO_CORE);
         let (outgoing, mut from_core) = mpsc::channel::<(LinkId, FrameBytes)>(4 * TO_LINK);
@@ -218,6 +216,28 @@ impl Drop for Links {
     }
 }
 
+/// What was said about an endpoint, for people.
+fn told(policy: &LinkPolicy) -> String {
+    let mut words = Vec::new();
+    if policy.key.is_some() {
+        words.push("signed".to_owned());
+    }
+    if let Some(role) = policy.role {
+        words.push(format!("role {role}"));
+    }
+    if let Some(rate) = policy.rate_bytes_per_s {
+        words.push(format!("{rate:.0} B/s"));
+    }
+    if policy.is_routed {
+        words.push("routed".to_owned());
+    }
+    if words.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", words.join(", "))
+    }
+}
+
 fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
     let endpoint = &w.endpoint;
     let resolve = |text: &str| -> Result<SocketAddr, OpenError> {
@@ -262,6 +282,16 @@ fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
             };
             let socket = std::net::UdpSocket::bind(any).map_err(failed)?;
             Ok((Bound::UdpClient(socket, to), format!("udpclient://{to}")))
+        }
+        Endpoint::UdpBroadcast(a) => {
+            let to = resolve(a)?;
+            let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::UNSPECIFIED, 0))
+                .and_then(|s| s.set_broadcast(true).map(|()| s))
+                .map_err(failed)?;
+            Ok((
+                Bound::UdpBroadcast(socket, to),
+                format!("udpbroadcast://{to}"),
+            ))
         }
         Endpoint::TcpClient(a) => Ok((Bound::TcpClient(a.clone()), endpoint.to_string())),
         Endpoint::Serial { device, baud } => {
@@ -325,11 +355,17 @@ struct Hub {
 type Register = mpsc::Sender<(LinkId, Option<mpsc::Sender<FrameBytes>>)>;
 
 impl Hub {
-    fn link(&self) -> LinkId {
-        LinkId::of(
+    /// A fresh link to a peer; none = a line without an address.
+    fn link(&self, peer: Option<SocketAddr>) -> LinkId {
+        let link = LinkId::of(
             self.endpoint,
             self.next_link.fetch_add(1, Ordering::Relaxed),
-        )
+        );
+        if peer.is_some_and(|p| !p.ip().to_canonical().is_loopback()) {
+            link.remote()
+        } else {
+            link
+        }
     }
 
     /// Never waits: a core that is behind loses datagrams, as a network does.
@@ -346,7 +382,14 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
         Bound::UdpServer(socket) => {
             tokio::spawn(async move {
                 if let Ok(socket) = adopt_udp(socket) {
-                    udp_server(socket, hub, register).await;
+                    udp_server(socket, hub, register, &AtomicU64::new(0)).await;
+                }
+            });
+        }
+        Bound::UdpBroadcast(socket, to) => {
+            tokio::spawn(async move {
+                if let Ok(socket) = adopt_udp(socket) {
+                    udp_broadcast(socket, to, hub, register).await;
                 }
             });
         }
@@ -363,9 +406,14 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
                     .set_nonblocking(true)
                     .and_then(|()| TcpListener::from_std(listener));
                 let Ok(listener) = listener else { return };
-                while let Ok((stream, _)) = listener.accept().await {
+                while let Ok((stream, peer)) = listener.accept().await {
                     let _ = stream.set_nodelay(true);
-                    tokio::spawn(stream_link(stream, hub.clone(), register.clone()));
+                    tokio::spawn(stream_link(
+                        stream,
+                        Some(peer),
+                        hub.clone(),
+                        register.clone(),
+                    ));
                 }
             });
         }
@@ -374,7 +422,8 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
                 loop {
                     if let Ok(stream) = TcpStream::connect(&to).await {
                         let _ = stream.set_nodelay(true);
-                        stream_link(stream, hub.clone(), register.clone()).await;
+                        let peer = stream.peer_addr().ok();
+                        stream_link(stream, peer, hub.clone(), register.clone()).await;
                     }
                     tokio::time::sleep(RETRY).await;
                 }
@@ -384,7 +433,7 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
             tokio::spawn(async move {
                 loop {
                     if let Ok(port) = tokio_serial::new(&device, baud).open_native_async() {
-                        stream_link(port, hub.clone(), register.clone()).await;
+                        stream_link(port, None, hub.clone(), register.clone()).await;
                     }
                     tokio::time::sleep(RETRY).await;
                 }
@@ -410,7 +459,31 @@ fn udp_sender(socket: Arc<UdpSocket>, to: SocketAddr) -> mpsc::Sender<FrameBytes
     sender
 }
 
-async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
+/// Heartbeats go out to everybody while nobody has answered; who answers is a peer as of a server.
+async fn udp_broadcast(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: Register) {
+    let present = Arc::new(AtomicU64::new(0));
+    let (sender, mut frames) = mpsc::channel::<FrameBytes>(TO_LINK);
+    let (out, answered) = (Arc::clone(&socket), Arc::clone(&present));
+    tokio::spawn(async move {
+        while let Some(frame) = frames.recv().await {
+            // Of version 2, as every frame of ours: the id is in bytes 7 to 9.
+            let is_heartbeat = frame.get(7..10) == Some(&[0, 0, 0]);
+            if is_heartbeat && answered.load(Ordering::Relaxed) == 0 {
+                // No network yet is no reason to stop.
+                let _ = out.send_to(&frame, to).await;
+            }
+        }
+    });
+    if register
+        .send((hub.link(Some(to)), Some(sender)))
+        .await
+        .is_ok()
+    {
+        udp_server(socket, hub, register, &present).await;
+    }
+}
+
+async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register, present: &AtomicU64) {
     let mut peers: BTreeMap<SocketAddr, (LinkId, Instant)> = BTreeMap::new();
     let mut buffer = vec![0u8; 65_536];
     let mut sweep = tokio::time::interval(Duration::from_secs(1));
@@ -424,11 +497,12 @@ async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
                         hub.dropped.fetch_add(1, Ordering::Relaxed);
                         continue;
                     }
-                    let link = hub.link();
+                    let link = hub.link(Some(from));
                     if register.send((link, Some(udp_sender(Arc::clone(&socket), from)))).await.is_err() {
                         return;
                     }
                     peers.insert(from, (link, now));
+                    present.store(peers.len() as u64, Ordering::Relaxed);
                     // The table announces the link before its first bytes are passed on.
                     tokio::task::yield_now().await;
                 }
@@ -441,6 +515,7 @@ async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
                 let silent: Vec<SocketAddr> =
                     peers.iter().filter(|(_, (_, at))| at.elapsed() > PEER_SILENT).map(|(a, _)| *a).collect();
                 for address in silent {
+                    present.store(peers.len() as u64 - 1, Ordering::Relaxed);
                     if let Some((link, _)) = peers.remove(&address)
                         && register.send((link, None)).await.is_err() {
                         return;
@@ -452,7 +527,7 @@ async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
 }
 
 async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: Register) {
-    let link = hub.link();
+    let link = hub.link(Some(to));
     if register
         .send((link, Some(udp_sender(Arc::clone(&socket), to))))
         .await
@@ -477,10 +552,11 @@ async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: 
 /// One byte stream from open to close.
 async fn stream_link<S: AsyncRead + AsyncWrite + Send + 'static>(
     stream: S,
+    peer: Option<SocketAddr>,
     hub: Hub,
     register: Register,
 ) {
-    let link = hub.link();
+    let link = hub.link(peer);
     let (mut read, mut write) = tokio::io::split(stream);
     let (sender, mut frames) = mpsc::channel::<FrameBytes>(TO_LINK);
     if register.send((link, Some(sender))).await.is_err() {

@@ -81,6 +81,17 @@ pub struct Steering {
     pub state: SteeringState,
 }
 
+/// What obstacle avoidance chose last, for people.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Avoidance {
+    /// How the way looks.
+    pub state: SteeringState,
+    /// Direction chosen by the histogram, counter-clockwise from plan x, rad; none if nothing was to choose.
+    pub chosen_rad: Option<f64>,
+    /// Nearest obstacle in any direction, from the vehicle's centre, m; infinite beyond the window.
+    pub nearest_m: f64,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Activity {
     Idle,
@@ -122,6 +133,7 @@ pub struct Navigator {
     reset_counter: u8,
     seen: Vec<In<Map>>,
     sectors: [f32; SECTORS],
+    state: SteeringState,
     route_ned: ArrayVec<In<Ned>, MAX_CORNERS>,
 }
 
@@ -172,6 +184,7 @@ impl Navigator {
             reset_counter: 0,
             seen: Vec::with_capacity(SEEN_MAX),
             sectors: [f32::INFINITY; SECTORS],
+            state: SteeringState::default(),
             route_ned: ArrayVec::new(),
             params,
             vfh,
@@ -252,6 +265,21 @@ impl Navigator {
         &self.sectors
     }
 
+    /// What was chosen in the last step.
+    #[must_use]
+    pub fn avoidance(&self) -> Avoidance {
+        Avoidance {
+            state: self.state,
+            chosen_rad: self.previous_rad,
+            nearest_m: self
+                .sectors
+                .iter()
+                .copied()
+                .fold(f32::INFINITY, f32::min)
+                .into(),
+        }
+    }
+
     /// The router, for checking plans against the same walls.
     pub const fn router_mut(&mut self) -> &mut Router {
         &mut self.router
@@ -302,6 +330,12 @@ impl Navigator {
 
     /// What to do now.
     pub fn step(&mut self, now: Timestamp, nav: &NavState) -> Steering {
+        let steering = self.steer(now, nav);
+        self.state = steering.state;
+        steering
+    }
+
+    fn steer(&mut self, now: Timestamp, nav: &NavState) -> Steering {
         let Some(goal) = self.goal else {
             return stand(nav, nav.position.z(), self.kept_yaw_rad, f64::INFINITY);
         };

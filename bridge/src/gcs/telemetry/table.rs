@@ -1,6 +1,6 @@
 //! The table of streams: message, default rate, builder.
 
-use super::{Flights, PlanIds, identity, pose, ranges, status, target};
+use super::{Flights, PlanIds, identity, own, pose, ranges, status, target};
 use crate::autopilot::door::Snapshot;
 use crate::gcs::convert::GeoAnchor;
 use crate::settings::Settings;
@@ -80,6 +80,10 @@ pub(super) const TABLE: &[Row] = &[
     row(AVAILABLE_MODES, 0.0, identity::available_modes),
     // Begins on a link where somebody asks for AVAILABLE_MODES: older dialects count an id they do not know as a lost frame.
     row(CURRENT_MODE, 0.0, status::current_mode),
+    row(53_000, 0.0, own::localization),
+    row(53_001, 0.0, own::avoidance),
+    row(53_002, 0.0, own::control),
+    row(53_003, 0.0, own::flight_loop),
 ];
 
 /// Place of a message in the table.
