@@ -50,6 +50,10 @@ enum Command {
     Rooms(cmd::rooms::RoomsArgs),
     /// Run an estimator on a recorded log.
     Eval(cmd::eval::EvalArgs),
+    /// Look at flight logs: what they hold, pictures, tables.
+    Log(cmd::log::LogArgs),
+    /// Fly a recorded flight again, compare, or with other parameters.
+    Replay(cmd::replay::ReplayArgs),
 }
 
 fn main() -> ExitCode {
@@ -69,6 +73,8 @@ fn main() -> ExitCode {
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),
+        Command::Log(args) => cmd::log::run(args),
+        Command::Replay(args) => cmd::replay::run(args),
     };
     match result {
         Ok(code) => code,

@@ -20,6 +20,8 @@ use bridge::autopilot::flight::Start;
 use bridge::gcs::LinkId;
 use bridge::io::lockstep::{Lockstep, LockstepConfig, Outgoing};
 use bridge::io::truth::Row;
+use bridge::log::record::LogSink;
+use bridge::log::writer::MemoryLog;
 use bridge::settings::{Origin, Settings};
 use bridge::station::{GroundStation, Reply};
 use mavlink_dialect::mode::Px4Mode;
@@ -82,6 +84,7 @@ pub struct Scenario {
     manner: Manner,
     delivery: Delivery,
     params: Vec<(String, String)>,
+    is_recorded: bool,
 }
 
 impl Scenario {
@@ -106,6 +109,7 @@ impl Scenario {
             manner: Manner::default(),
             delivery: Delivery::default(),
             params: Vec::new(),
+            is_recorded: false,
         }
     }
 
@@ -185,6 +189,13 @@ impl Scenario {
         self
     }
 
+    /// Its log is kept in memory: [`Flight::log`].
+    #[must_use]
+    pub fn recorded(mut self) -> Self {
+        self.is_recorded = true;
+        self
+    }
+
     /// The command that flies this world again, for people.
     #[must_use]
     pub fn command_line(&self) -> String {
@@ -231,17 +242,23 @@ impl Scenario {
             people: self.people.clone(),
             ..SimConfig::new(room, ring, self.seed)
         };
-        let mut world = Lockstep::new(LockstepConfig {
+        let config = LockstepConfig {
             sim,
             start,
             settings,
             documents: Vec::new(),
-        })
-        .expect("a scenario that can start");
+        };
+        let log = self.is_recorded.then(|| {
+            let header = config.header("test").expect("a vehicle");
+            MemoryLog::new(header).expect("memory")
+        });
+        let sink = log.clone().map(|log| Box::new(log) as Box<dyn LogSink>);
+        let mut world = Lockstep::with_log(config, sink).expect("a scenario that can start");
         world.link_up(STATION);
         Flight {
             scenario: self,
             world,
+            log,
             station: GroundStation::default(),
             rows: Vec::new(),
             pace: Pace::hz(50.0),
@@ -254,6 +271,8 @@ pub struct Flight {
     scenario: Scenario,
     /// Simulator, flight and ground.
     pub world: Lockstep,
+    /// Its log, if it is recorded.
+    pub log: Option<MemoryLog>,
     /// The scripted ground station.
     pub station: GroundStation,
     /// Truth beside estimate, 50 a second.

@@ -35,6 +35,7 @@ use msp::client::Client;
 use msp::firmware::Firmware;
 use planner::mission::Mission;
 use planner::navigator::Navigator;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
@@ -48,7 +49,7 @@ const OWN_STALL: Duration = Duration::from_millis(60);
 const OUTPUTS: usize = 256;
 
 /// Where the vehicle stands at start.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Start {
     /// Known: on the plan, within a hand's breadth.
     Known(MapPose),

@@ -23,6 +23,7 @@ use crate::gcs::{
     Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer, Speaker,
 };
 use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
+use crate::log::summary::FlightBook;
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -155,6 +156,7 @@ pub struct Ground {
     camera: Camera,
     signing: LinkSigning,
     fence: FenceWatch,
+    book: FlightBook,
     ftp: FtpService,
     logs: LogService,
     next_service: Timestamp,
@@ -222,6 +224,7 @@ impl Ground {
             camera: Camera::default(),
             signing: LinkSigning::new(),
             fence: FenceWatch::new(),
+            book: FlightBook::default(),
             ftp: FtpService::new(),
             logs: LogService::new(),
             next_service: Timestamp::ZERO,
@@ -362,6 +365,9 @@ impl Ground {
         let (items, id) = (self.mission.fence_items(), self.mission.plan_ids().fence);
         self.fence
             .look(now, items, id, &context!(self), &mut self.out);
+        if let Some(flight) = self.book.look(snapshot) {
+            self.out.text(Severity::Info, flight.to_string());
+        }
         self.beat(now);
     }
 
@@ -489,6 +495,11 @@ impl Ground {
     /// The last texts told to the pilots, oldest first.
     pub fn texts(&self) -> impl DoubleEndedIterator<Item = &Told> {
         self.text.told()
+    }
+
+    /// Those told since `seen`, which moves on.
+    pub fn texts_since(&self, seen: &mut u64) -> impl Iterator<Item = &Told> {
+        self.text.since(seen)
     }
 
     /// Tells a text to every pilot.

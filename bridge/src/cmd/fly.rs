@@ -1,12 +1,13 @@
 //! `kestrel fly`: the real thing.
 
 use super::fc::passthrough::open_door;
+use super::session::{LogWatch, end_log};
 use super::sim::{StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, load_plan, settings};
 use anyhow::{Context as _, Result, anyhow};
-use bridge::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use bridge::autopilot::door::{Asked, Request, RequestId, Severity, Snapshot, Station};
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
 use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use bridge::gcs::Document;
@@ -16,8 +17,10 @@ use bridge::io::endpoint::{Endpoint, EndpointError};
 use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
+use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
 use bridge::io::net::{LinkEvent, Links};
 use bridge::io::passthrough::Door;
+use bridge::log::{GroundRecord, Header};
 use bridge::settings::Origin;
 use clap::Args;
 use std::collections::BTreeSet;
@@ -58,7 +61,7 @@ pub(crate) struct FlyArgs {
     /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
     #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
     rangers: String,
-    /// Keep parameters and mission in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
+    /// Keep parameters, mission, flight logs and uploaded files in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
     /// Configuration file (TOML).
@@ -113,7 +116,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         .ok_or_else(|| {
             Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
         })?;
-    let keep = Keep::in_folder(Some(&state_dir))
+    let mut keep = Keep::in_folder(Some(&state_dir))
         .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
     let mut settings = settings(args.config.as_deref(), &[])?;
     if let Some(bytes) = keep
@@ -164,12 +167,34 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         settings,
         seed: boot_utc_us,
     };
-    let flight = Flight::new(clock.now(), config);
+    let made_at = clock.now();
+    let header = Header::new(made_at, &config, &format!("fly {fc}"), boot_utc_us);
+    let limits = Limits::of(&config.settings);
+    let flight = Flight::new(made_at, config);
+    // A disk that cannot be written is no reason not to fly, and a reason to say so.
+    let started = keep.fresh_run().and_then(|place| {
+        place
+            .map(|(folder, run)| {
+                let files = DiskFiles::of_run(&folder, &run, limits);
+                logger::start(header, files, limits, WhenFull::Lose)
+            })
+            .transpose()
+    });
+    let (log, no_log) = match started {
+        Ok(log) => (log, None),
+        Err(e) => (None, Some(format!("Flights are not logged: {e}"))),
+    };
+    let (taps, log) = log.unzip();
+    let (flight_tap, ground_tap) = taps.map(|t| (t.flight, t.ground)).unzip();
+    if let Some(why) = no_log {
+        ground.say(clock.now(), Severity::Warning, why);
+    }
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     ground.set_video(super::video(args.video.as_deref())?);
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
-    let mut handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;
+    let mut handle =
+        flight_thread::start(flight, fc.clone(), clock, flight_tap).map_err(|e| anyhow!(e))?;
     let told = match (door, handle.take_borrower()) {
         (Some(door), Some(borrower)) => Some(lend(door, borrower, fc.clone(), stop.clone())?),
         _ => None,
@@ -188,6 +213,9 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         handle,
         links,
         keep,
+        log,
+        tap: ground_tap,
+        texts_logged: 0,
         terminal,
         clock,
         stop,
@@ -247,6 +275,9 @@ struct GroundLoop {
     handle: FlightHandle,
     links: Links,
     keep: Keep,
+    log: Option<LogThread>,
+    tap: Option<GroundTap>,
+    texts_logged: u64,
     terminal: Terminal,
     clock: Clock,
     stop: Stop,
@@ -270,6 +301,7 @@ impl GroundLoop {
         let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
+        let mut log_watch = LogWatch::default();
         loop {
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
@@ -288,7 +320,15 @@ impl GroundLoop {
                         link,
                         bytes,
                         is_datagram,
-                    } => self.ground.receive(now, link, &bytes, is_datagram),
+                    } => {
+                        self.ground.receive(now, link, &bytes, is_datagram);
+                        self.record(|| GroundRecord::Received {
+                            at: now,
+                            link,
+                            bytes: bytes.to_vec(),
+                            is_datagram,
+                        });
+                    }
                 }
                 self.carry_out();
                 event = self.links.poll();
@@ -321,6 +361,10 @@ impl GroundLoop {
             if snapshot.flight_loop.ticks != seen_tick {
                 seen_tick = snapshot.flight_loop.ticks;
                 self.ground.snapshot(now, &snapshot);
+                self.record(|| GroundRecord::Snapshot(Box::new(snapshot.clone())));
+            }
+            if let Some(text) = log_watch.news(self.log.as_ref()) {
+                self.ground.say(now, Severity::Warning, text);
             }
             if self.ground.deadline() <= now {
                 self.ground.tick(now);
@@ -367,6 +411,9 @@ impl GroundLoop {
                 _ => break,
             }
         }
+        if let Some(log) = self.log.take() {
+            end_log(log, &mut self.terminal);
+        }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
     }
@@ -374,7 +421,15 @@ impl GroundLoop {
     fn carry_out(&mut self) {
         while let Some(output) = self.ground.poll() {
             match output {
-                GroundOutput::Send { link, bytes } => self.links.send(link, bytes),
+                GroundOutput::Send { link, bytes } => {
+                    let at = self.clock.now();
+                    self.record(|| GroundRecord::Sent {
+                        at,
+                        link,
+                        frame: bytes.clone(),
+                    });
+                    self.links.send(link, bytes);
+                }
                 GroundOutput::Request(asked) => {
                     if !self.handle.ask(asked) {
                         self.terminal
@@ -392,6 +447,20 @@ impl GroundLoop {
                     }
                 }
             }
+        }
+        let Some(tap) = &mut self.tap else { return };
+        for told in self.ground.texts_since(&mut self.texts_logged) {
+            tap.put(GroundRecord::Text {
+                at: told.at,
+                severity: told.severity,
+                text: told.text.clone(),
+            });
+        }
+    }
+
+    fn record(&mut self, record: impl FnOnce() -> GroundRecord) {
+        if let Some(tap) = &mut self.tap {
+            tap.put(record());
         }
     }
 }

@@ -11,9 +11,10 @@ use bridge::gcs::access::LinkPolicy;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, LockstepConfig};
+use bridge::io::logger::{self, DiskFiles, Limits, LogThread, WhenFull};
 use bridge::io::net::{Links, Wanted};
-use bridge::io::record::Recorder;
 use bridge::io::truth::TruthFile;
+use bridge::log::record::LogSink;
 use bridge::settings::{Origin, Settings};
 use clap::{Args, ValueEnum};
 use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
@@ -96,7 +97,7 @@ pub(crate) struct SimArgs {
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Write the flight log: every input of the flight loop; default: with --state-dir, a numbered file in its folder `logs`.
+    /// Write the flight log (FILE.mcap and FILE.tlog); default: with --state-dir, numbered files in its folder `logs`.
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
     /// Keep parameters, mission, flight logs and uploaded files in this folder.
@@ -294,6 +295,13 @@ pub(crate) enum Switch {
     Off,
 }
 
+/// A simulated vehicle ready to fly.
+pub(crate) struct Built {
+    pub(crate) lockstep: Lockstep,
+    pub(crate) keep: Keep,
+    pub(crate) log: Option<LogThread>,
+}
+
 impl SimArgs {
     fn room(&self) -> Result<Room> {
         let looks_like_a_file =
@@ -347,7 +355,7 @@ impl SimArgs {
     }
 
     /// World, vehicle and brain as the arguments describe them.
-    pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
+    pub(crate) fn build(&self, when_full: WhenFull) -> Result<Built> {
         let mut keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
             format!(
                 "cannot make the state folder {}",
@@ -389,19 +397,32 @@ impl SimArgs {
                 documents.push(Document { name, bytes });
             }
         }
-        let header = format!(
-            "kestrel {} room {} seed {}\n{}",
-            env!("CARGO_PKG_VERSION"),
-            self.room,
-            self.seed,
-            settings.changed_toml()
-        );
-        let mut lockstep = Lockstep::new(LockstepConfig {
+        let limits = Limits::of(&settings);
+        let config = LockstepConfig {
             sim,
             start,
             settings,
             documents,
-        })?;
+        };
+        // With a state folder every run is kept, where ground stations find it.
+        let files = match &self.log {
+            Some(path) => Some(DiskFiles::named(path)),
+            None => keep
+                .fresh_run()
+                .context("cannot keep the flight log")?
+                .map(|(folder, run)| DiskFiles::of_run(&folder, &run, limits)),
+        };
+        let (taps, log) = files
+            .map(|files| {
+                let path = files.path(1, "mcap");
+                let header = config.header(&format!("sim {}", self.room))?;
+                logger::start(header, files, limits, when_full)
+                    .with_context(|| format!("cannot write the flight log {}", path.display()))
+            })
+            .transpose()?
+            .unzip();
+        let sink = taps.map(|taps| Box::new(taps) as Box<dyn LogSink>);
+        let mut lockstep = Lockstep::with_log(config, sink)?;
         if let Some(hold) = self.hold {
             lockstep.hold_flight_at(Timestamp::ZERO + hold.at, hold.duration);
         }
@@ -411,18 +432,11 @@ impl SimArgs {
                     .with_context(|| format!("cannot write {}", path.display()))?,
             );
         }
-        // With a state folder every run is kept, where ground stations find it.
-        let log = match &self.log {
-            Some(path) => Some(path.clone()),
-            None => keep.fresh_log().context("cannot keep the flight log")?,
-        };
-        if let Some(path) = log {
-            lockstep.write_record(
-                Recorder::create(&path, &header)
-                    .with_context(|| format!("cannot write {}", path.display()))?,
-            );
-        }
-        Ok((lockstep, keep))
+        Ok(Built {
+            lockstep,
+            keep,
+            log,
+        })
     }
 
     /// Links as asked for; none named = the default set.
@@ -516,7 +530,19 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
 
 pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let (mut lockstep, keep) = args.build()?;
+    let speed = match args.speed.unwrap_or(Speed::Times(1.0)) {
+        Speed::Times(x) => Some(x),
+        Speed::Max => None,
+    };
+    let when_full = match speed {
+        Some(_) => WhenFull::Lose,
+        None => WhenFull::Wait,
+    };
+    let Built {
+        mut lockstep,
+        keep,
+        log,
+    } = args.build(when_full)?;
     let links = args.links(&mut lockstep)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
@@ -532,10 +558,6 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     terminal.line(
         "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
     );
-    let speed = match args.speed.unwrap_or(Speed::Times(1.0)) {
-        Speed::Times(x) => Some(x),
-        Speed::Max => None,
-    };
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
     }
@@ -543,6 +565,7 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         lockstep,
         links,
         keep,
+        log,
         terminal,
         stop,
         speed,

@@ -53,6 +53,10 @@ vehicle::params! {
         control_policy: choice<ControlPolicy> "CTRL_POLICY" = ControlPolicy::Open;
         /// Cells of the battery where the flight controller does not tell; 0 unknown.
         battery_cells: int "BAT1_N_CELLS" = 0, "1", 0..=16;
+        /// Size of a part of a flight log; then the next part begins. Takes effect at the next start.
+        log_part_mb: int "LOG_PART_MB" = 100, "MB", 1..=2_000;
+        /// Size of all flight logs; the oldest make room. Takes effect at the next start.
+        log_total_mb: int "LOG_TOTAL_MB" = 2_000, "MB", 10..=1_000_000;
         /// Read by set-up pages of ground stations; no effect (PX4: airframe, 4001 generic quadcopter).
         autostart: int "SYS_AUTOSTART" = 4001, "1", 0..=9_999_999;
         /// Read by set-up pages of ground stations; no effect (PX4: reset parameters at start).

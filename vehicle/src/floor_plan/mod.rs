@@ -65,7 +65,7 @@ pub struct Room {
 }
 
 /// An occupancy grid with its place in the world.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FloorPlan {
     width: usize,
     height: usize,
