@@ -134,6 +134,8 @@ commands! {
     VIDEO_STOP_CAPTURE = 2501;
     /// Ours: parameter 1 is the ASCII code of a key of the key console.
     USER_1 = 31010;
+    /// Take or give up control as the one ground station that flies.
+    REQUEST_OPERATOR_CONTROL = 32100;
 }
 
 /// Codes of MAV_RESULT, as COMMAND_ACK carries them.
@@ -158,6 +160,8 @@ pub mod result {
     pub const INT_ONLY: u8 = 8;
     /// The frame does not fit this command.
     pub const UNSUPPORTED_MAV_FRAME: u8 = 9;
+    /// Another ground station has control.
+    pub const NOT_IN_CONTROL: u8 = 10;
 }
 
 /// A command, whichever form carried it.

@@ -2,6 +2,7 @@
 
 use super::door::{Answer, Asked, Event, Request, Severity, Snapshot};
 use crate::gcs::command::CommandService;
+use crate::gcs::control_lock::{Control, ControlLock};
 use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
 use crate::gcs::fence::FenceWatch;
 use crate::gcs::ftp::FtpService;
@@ -135,6 +136,7 @@ pub struct Ground {
     setpoint: SetpointService,
     keys: KeyConsole,
     signing: LinkSigning,
+    lock: ControlLock,
     fence: FenceWatch,
     ftp: FtpService,
     logs: LogService,
@@ -195,6 +197,7 @@ impl Ground {
             setpoint: SetpointService::new(),
             keys: KeyConsole::new(),
             signing: LinkSigning::new(),
+            lock: ControlLock::new(),
             fence: FenceWatch::new(),
             ftp: FtpService::new(),
             logs: LogService::new(),
@@ -258,6 +261,10 @@ impl Ground {
         self.logs.link_down(link);
         self.router.link_down(link);
         self.queue.forget(link);
+        self.lock.link_down(link, &mut self.out);
+        while let Some(asked) = self.out.requests.pop_front() {
+            self.pass_on(asked);
+        }
     }
 
     /// Bytes came in on a link (a new one comes up by them); of a datagram a frame never continues in the next one.
@@ -336,6 +343,7 @@ impl Ground {
             self.command.tick(now, &ctx, &mut self.out);
             self.keys.tick(now, &ctx, &mut self.out);
             self.signing.tick(now, &ctx, &mut self.out);
+            self.lock.tick(now, &mut self.out);
             self.telemetry.set_plan_ids(self.mission.plan_ids());
             self.drain(now, Class::Answer);
         }
@@ -403,6 +411,12 @@ impl Ground {
         &self.settings
     }
 
+    /// Which station has control.
+    #[must_use]
+    pub fn control(&self) -> Control {
+        self.lock.control()
+    }
+
     /// What was seen on each link.
     pub fn link_stats(&self) -> impl Iterator<Item = LinkStats> {
         self.links.iter().map(|l| LinkStats {
@@ -463,7 +477,9 @@ impl Ground {
         if self.router.is_news_of_ground_station(now, &frame.message) {
             self.out.ask(from, Request::GroundHeartbeat);
         }
-        self.serve(now, from, &frame.message);
+        if self.lock.admits(now, from, &frame.message, &mut self.out) {
+            self.serve(now, from, &frame.message);
+        }
         self.drain(now, Class::Answer);
     }
 

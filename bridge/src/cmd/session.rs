@@ -9,6 +9,7 @@ use bridge::io::endpoint::Endpoint;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, Outgoing};
 use bridge::io::net::{LinkEvent, Links};
+use bridge::web::{Console, Picture};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -55,6 +56,7 @@ const LANDING: Duration = Duration::from_secs(30);
 pub(crate) struct Session {
     pub(crate) lockstep: Lockstep,
     pub(crate) links: Links,
+    pub(crate) console: Option<Console>,
     pub(crate) keep: Keep,
     pub(crate) terminal: Terminal,
     pub(crate) stop: Stop,
@@ -101,6 +103,7 @@ impl Session {
                 self.terminal.line(&format!("  {news}"));
             }
             self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
+            self.show(&known);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(self.lockstep.snapshot(), known.len());
             }
@@ -164,6 +167,27 @@ impl Session {
             } => self.lockstep.receive(link, &bytes, is_datagram),
         }
         self.carry_out();
+    }
+
+    /// Shows the vehicle to the console's pages.
+    fn show(&mut self, known: &BTreeSet<bridge::gcs::LinkId>) {
+        let Some(console) = &mut self.console else {
+            return;
+        };
+        while let Some(line) = console.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
+        if console.wants_picture() {
+            let mut picture = Picture {
+                snapshot: self.lockstep.snapshot().clone(),
+                control: self.lockstep.ground.control(),
+                links: known.len() as u32,
+                dropped: self.links.dropped(),
+                ..Picture::default()
+            };
+            picture.insight.look(&self.lockstep.flight);
+            console.show(picture);
+        }
     }
 
     fn carry_out(&mut self) {

@@ -9,6 +9,7 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`intent`], [`control_lock`] | what a message wants of the vehicle; who may fly |
 //! | [`signing`] | which links demand signatures |
 //! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
@@ -21,11 +22,13 @@ mod any_message;
 #[cfg(test)]
 mod bench;
 pub mod command;
+pub mod control_lock;
 pub mod convert;
 pub mod disk;
 pub mod fence;
 pub mod ftp;
 pub mod heartbeat;
+pub mod intent;
 pub mod keys;
 pub mod log_transfer;
 pub mod manual;
