@@ -263,6 +263,12 @@ impl Flight {
         self.standby.as_ref()
     }
 
+    /// Parameters as they are flown with.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
     /// The estimator, for pictures and logs.
     #[must_use]
     pub const fn estimator(&self) -> &Estimator {

@@ -11,7 +11,7 @@ use crate::gcs::keys::KeyConsole;
 use crate::gcs::log_transfer::LogService;
 use crate::gcs::manual::ManualService;
 use crate::gcs::mission::MissionService;
-use crate::gcs::operator::OperatorControl;
+use crate::gcs::operator::{Control, OperatorControl};
 use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
@@ -304,6 +304,10 @@ impl Ground {
         self.logs.link_down(link);
         self.router.link_down(link);
         self.queue.forget(link);
+        self.control.link_down(link);
+        while let Some(asked) = self.out.requests.pop_front() {
+            self.pass_on(asked);
+        }
     }
 
     /// Bytes came in on a link (a new one comes up by them); of a datagram a frame never continues in the next one.
@@ -461,6 +465,12 @@ impl Ground {
         &self.settings
     }
 
+    /// Which station has control.
+    #[must_use]
+    pub fn control(&self) -> Control {
+        self.control.control()
+    }
+
     /// What was seen on each link.
     pub fn link_stats(&self) -> impl Iterator<Item = LinkStats> {
         self.links.iter().map(|l| LinkStats {
@@ -546,11 +556,11 @@ impl Ground {
             access::deny(&self.access, from, message, &ctx, out);
         } else if self.control.handle(now, from, message, &ctx, out) {
             // Answered.
-        } else if needs > Role::Viewer && !self.control.admits(from.address, &ctx) {
+        } else if needs > Role::Viewer && !self.control.admits(from, &ctx) {
             let why = self.control.reason();
             access::refuse(from, message, result::NOT_IN_CONTROL, &why, &ctx, out);
         } else {
-            if self.control.counts_as_presence(from.address, &ctx)
+            if self.control.counts_as_presence(from, &ctx)
                 && self.router.is_news_of_ground_station(now, message)
             {
                 self.out.ask(from, Request::GroundHeartbeat);

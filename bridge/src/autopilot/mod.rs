@@ -13,6 +13,7 @@ pub mod flight;
 pub mod ground;
 pub mod handover;
 pub mod health;
+pub mod insight;
 pub mod io;
 pub mod keeper;
 pub mod latency;

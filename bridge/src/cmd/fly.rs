@@ -22,8 +22,10 @@ use bridge::io::net::{LinkEvent, Links};
 use bridge::io::passthrough::Door;
 use bridge::log::{GroundRecord, Header};
 use bridge::settings::Origin;
+use bridge::web::{Console, ConsoleConfig, Picture, console};
 use clap::Args;
 use std::collections::BTreeSet;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -80,6 +82,10 @@ pub(crate) struct FlyArgs {
     /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
     #[arg(long, value_name = "URL")]
     video: Option<String>,
+    /// Open the console, the page in a browser, at this address (127.0.0.1:8443 if none is named). Other machines reach it only
+    /// when somebody has a password: see `kestrel passwd`.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
+    console: Option<SocketAddr>,
     /// No status line.
     #[arg(long)]
     headless: bool,
@@ -159,6 +165,17 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let console_config = args.console.map(|listen| ConsoleConfig {
+        listen,
+        is_default: false,
+        state_dir: Some(state_dir.clone()),
+        has_link: false,
+        names: host_names(),
+        vehicle: args.map.display().to_string(),
+        us: our_address(&settings),
+        plan: Arc::clone(&plan),
+        settings: settings.clone(),
+    });
     let config = FlightConfig {
         plan,
         ring,
@@ -195,6 +212,9 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle =
         flight_thread::start(flight, fc.clone(), clock, flight_tap).map_err(|e| anyhow!(e))?;
+    let console = console_config
+        .map(|config| Console::start(config, links.joint()))
+        .transpose()?;
     let told = match (door, handle.take_borrower()) {
         (Some(door), Some(borrower)) => Some(lend(door, borrower, fc.clone(), stop.clone())?),
         _ => None,
@@ -212,6 +232,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         ground,
         handle,
         links,
+        console,
         keep,
         log,
         tap: ground_tap,
@@ -257,6 +278,16 @@ fn lend(door: Door, borrower: Borrower, fc: Endpoint, stop: Stop) -> Result<Rece
     Ok(told)
 }
 
+/// What this machine is called by others.
+fn host_names() -> Vec<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim().to_ascii_lowercase();
+    if name.is_empty() {
+        return Vec::new();
+    }
+    vec![format!("{name}.local"), name]
+}
+
 /// Where a user's programs keep what they must remember (XDG base directories).
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let folder = |name: &str| {
@@ -274,6 +305,7 @@ struct GroundLoop {
     ground: Ground,
     handle: FlightHandle,
     links: Links,
+    console: Option<Console>,
     keep: Keep,
     log: Option<LogThread>,
     tap: Option<GroundTap>,
@@ -371,6 +403,7 @@ impl GroundLoop {
             }
             self.carry_out();
             self.terminal.texts(&self.ground, &mut texts_shown);
+            self.show(&snapshot, known.len());
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(&snapshot, known.len());
             }
@@ -416,6 +449,27 @@ impl GroundLoop {
         }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Shows the vehicle to the console's pages.
+    fn show(&mut self, snapshot: &Snapshot, links: usize) {
+        let Some(console) = &mut self.console else {
+            return;
+        };
+        while let Some(line) = console.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
+        if console.wants_picture() {
+            let mut picture = Picture {
+                snapshot: snapshot.clone(),
+                control: self.ground.control(),
+                links: links as u32,
+                dropped: self.links.dropped(),
+                ..Picture::default()
+            };
+            self.handle.read_insight(&mut picture.insight);
+            console.show(picture);
+        }
     }
 
     fn carry_out(&mut self) {

@@ -11,6 +11,7 @@ use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, Outgoing};
 use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
+use bridge::web::{Console, Picture};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -88,6 +89,7 @@ pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
 pub(crate) struct Session {
     pub(crate) lockstep: Lockstep,
     pub(crate) links: Links,
+    pub(crate) console: Option<Console>,
     pub(crate) keep: Keep,
     pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
@@ -139,6 +141,7 @@ impl Session {
                 self.lockstep.ground.say(now, Severity::Warning, text);
             }
             self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
+            self.show(&known);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(self.lockstep.snapshot(), known.len());
             }
@@ -205,6 +208,27 @@ impl Session {
             } => self.lockstep.receive(link, &bytes, is_datagram),
         }
         self.carry_out();
+    }
+
+    /// Shows the vehicle to the console's pages.
+    fn show(&mut self, known: &BTreeSet<bridge::gcs::LinkId>) {
+        let Some(console) = &mut self.console else {
+            return;
+        };
+        while let Some(line) = console.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
+        if console.wants_picture() {
+            let mut picture = Picture {
+                snapshot: self.lockstep.snapshot().clone(),
+                control: self.lockstep.ground.control(),
+                links: known.len() as u32,
+                dropped: self.links.dropped(),
+                ..Picture::default()
+            };
+            picture.insight.look(&self.lockstep.flight);
+            console.show(picture);
+        }
     }
 
     fn carry_out(&mut self) {

@@ -10,15 +10,17 @@ use bridge::gcs::Document;
 use bridge::gcs::access::LinkPolicy;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
-use bridge::io::lockstep::{Lockstep, LockstepConfig};
+use bridge::io::lockstep::{Lockstep, LockstepConfig, our_address};
 use bridge::io::logger::{self, DiskFiles, Limits, LogThread, WhenFull};
 use bridge::io::net::{Links, Wanted};
 use bridge::io::truth::TruthFile;
 use bridge::log::record::LogSink;
 use bridge::settings::{Origin, Settings};
+use bridge::web::{Console, ConsoleConfig, console};
 use clap::{Args, ValueEnum};
 use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
 use std::collections::BTreeSet;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -36,7 +38,7 @@ const DOCUMENTS: [&str; 4] = [
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --console 127.0.0.1:9000                the page in a browser at another port\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
 )]
 pub(crate) struct SimArgs {
     /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
@@ -119,6 +121,13 @@ pub(crate) struct SimArgs {
     /// Test of failsafes: hold the flight loop at a time, for a time (s), while the world goes on.
     #[arg(long, hide = true, value_name = "AT,FOR")]
     pub(crate) hold: Option<HoldArg>,
+    /// Address of the console, the page in a browser; default: 127.0.0.1, port 8443 + 10 N (or the next free one). Other
+    /// machines reach it only when somebody has a password: see `kestrel passwd`.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
+    pub(crate) console: Option<SocketAddr>,
+    /// No console.
+    #[arg(long, conflicts_with = "console")]
+    pub(crate) no_console: bool,
     /// Configuration file (TOML, one table per section of `kestrel params`).
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
@@ -160,6 +169,8 @@ impl Default for SimArgs {
             person: Vec::new(),
             battery: 100.0,
             hold: None,
+            console: None,
+            no_console: false,
             config: None,
             params: Vec::new(),
             headless: false,
@@ -439,6 +450,26 @@ impl SimArgs {
         })
     }
 
+    /// The console, unless it is not wanted.
+    fn console(&self, lockstep: &Lockstep, links: &Links) -> Result<Option<Console>> {
+        if self.no_console {
+            return Ok(None);
+        }
+        let default = SocketAddr::from(([127, 0, 0, 1], console::PORT + 10 * self.instance));
+        let config = ConsoleConfig {
+            listen: self.console.unwrap_or(default),
+            is_default: self.console.is_none(),
+            state_dir: self.state_dir.clone(),
+            has_link: self.console.is_none_or(|a| a.ip().is_loopback()),
+            names: Vec::new(),
+            vehicle: self.room.clone(),
+            us: our_address(lockstep.ground.settings()),
+            plan: lockstep.simulator.floor_plan(),
+            settings: lockstep.ground.settings().clone(),
+        };
+        Ok(Some(Console::start(config, links.joint())?))
+    }
+
     /// Links as asked for; none named = the default set.
     pub(crate) fn links(&self, lockstep: &mut Lockstep) -> Result<Links> {
         let wanted: Vec<Wanted> = if self.mavlink.is_empty() {
@@ -544,6 +575,8 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         log,
     } = args.build(when_full)?;
     let links = args.links(&mut lockstep)?;
+    // After the links: a ground station hears the first heartbeat without waiting for a certificate.
+    let console = args.console(&lockstep, &links)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
         "Kestrel {} in `{}`, seed {}, ring {}",
@@ -564,6 +597,7 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     Session {
         lockstep,
         links,
+        console,
         keep,
         log,
         terminal,

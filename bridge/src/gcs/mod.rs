@@ -9,6 +9,7 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`intent`] | what a message wants of the vehicle |
 //! | [`signing`] | which links demand signatures |
 //! | [`access`], [`operator`] | what a link may do; which station is in control |
 //! | [`fence`] | where the vehicle may be, and what is done before it leaves |
@@ -30,6 +31,7 @@ pub mod disk;
 pub mod fence;
 pub mod ftp;
 pub mod heartbeat;
+pub mod intent;
 pub mod keys;
 pub mod log_transfer;
 pub mod manual;

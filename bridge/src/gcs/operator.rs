@@ -2,7 +2,7 @@
 //!
 //! | `CTRL_POLICY` | Who may command |
 //! | --- | --- |
-//! | open | every pilot; control may be asked for and is shown, and hinders nobody |
+//! | open | every pilot; control may be asked for and is shown, and hinders nobody but the pages of the console |
 //! | exclusive | the station in control; others get NOT_IN_CONTROL, STOP aside |
 //!
 //! | Happens | Then |
@@ -12,17 +12,21 @@
 //! | another has it | FAILED, the request is passed on to the owner; allowed or released within parameter 3 (3 to 60 s, 10 if not given) it is granted then |
 //! | the owner gives it back | free |
 //! | the owner's heartbeat is silent for 3 s | free; in exclusive the ground-loss failsafe runs even if others watch |
+//! | the owner's link is gone | the same |
+//!
+//! An owner is a system id *on a link*: the same number from somewhere else is somebody else. When control gets free the sticks are
+//! centred.
 //!
 //! Parameters of the command: 1 action (0 release, 1 request), 2 takeover allowed (0 ask me, 1 always), 3 time to answer, s, 4 system
 //! of the station (0 = the sender; another is refused: nobody asks for somebody else).
 //! CONTROL_STATUS goes out once a second while the policy is exclusive, at each change, and on request.
 
-use super::{Context, Destination, Outbox, Peer, command as commands};
-use crate::autopilot::door::Severity;
+use super::{Context, Destination, LinkId, Outbox, Peer, command as commands};
+use crate::autopilot::door::{ManualInput, Request, Severity};
 use core::time::Duration;
 use mavlink_dialect::command::{Command, cmd, result};
 use mavlink_dialect::standard::{CONTROL_STATUS_DATA, GcsControlStatusFlags, MavMessage};
-use mavlink_dialect::{Address, Message, raw};
+use mavlink_dialect::{Message, raw};
 use vehicle::Timestamp;
 
 vehicle::param_choice! {
@@ -43,12 +47,27 @@ const CONTROL_STATUS: i32 = 512;
 /// Time an owner has to answer, unless the request says another.
 const ANSWER_S: f32 = 10.0;
 
+/// Who has control, for the shell and its pages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Control {
+    /// Link and system id of the owner.
+    pub owner: Option<(LinkId, u8)>,
+    /// Number of this ownership: grows with each change, so that a command of an earlier one can be told.
+    pub lease: u64,
+    /// He lets anybody take over.
+    pub is_open: bool,
+    /// System id of who asks him for control.
+    pub asking: Option<u8>,
+}
+
 /// The station in control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Owner {
-    address: Address,
+    peer: Peer,
     heard: Timestamp,
     allows_takeover: bool,
+    /// Its link is down.
+    is_gone: bool,
 }
 
 /// A station that waits for the owner's word.
@@ -64,6 +83,7 @@ struct Waiting {
 pub struct OperatorControl {
     owner: Option<Owner>,
     waiting: Option<Waiting>,
+    lease: u64,
     /// The owner fell silent while armed: nobody else's heartbeat makes up for it.
     is_bereft: bool,
     next_status: Timestamp,
@@ -79,13 +99,28 @@ impl OperatorControl {
     /// System in control, 0 if none is.
     #[must_use]
     pub fn main_system(&self) -> u8 {
-        self.owner.map_or(0, |o| o.address.system)
+        self.owner.map_or(0, |o| o.peer.address.system)
+    }
+
+    /// Who has control.
+    #[must_use]
+    pub fn control(&self) -> Control {
+        Control {
+            owner: self.owner.map(|o| (o.peer.link, o.peer.address.system)),
+            lease: self.lease,
+            is_open: self.owner.is_some_and(|o| o.allows_takeover),
+            asking: self.waiting.map(|w| w.peer.address.system),
+        }
     }
 
     /// True if a station may command now.
     #[must_use]
-    pub fn admits(&self, from: Address, ctx: &Context<'_>) -> bool {
-        is_open(ctx) || self.main_system() == from.system
+    pub fn admits(&self, from: Peer, ctx: &Context<'_>) -> bool {
+        is_open(ctx) || self.has(from)
+    }
+
+    fn has(&self, station: Peer) -> bool {
+        self.owner.is_some_and(|o| is_same(o.peer, station))
     }
 
     /// Why a station may not.
@@ -99,10 +134,10 @@ impl OperatorControl {
 
     /// True if a ground station's heartbeat counts as "the ground is there".
     #[must_use]
-    pub fn counts_as_presence(&self, from: Address, ctx: &Context<'_>) -> bool {
+    pub fn counts_as_presence(&self, from: Peer, ctx: &Context<'_>) -> bool {
         match self.owner {
             _ if is_open(ctx) => true,
-            Some(owner) => owner.address.system == from.system,
+            Some(owner) => is_same(owner.peer, from),
             None => !self.is_bereft,
         }
     }
@@ -135,7 +170,7 @@ impl OperatorControl {
             Message::Raw(raw::MavMessage::COMMAND_LONG(m)) => Command::from_long(m),
             Message::Raw(raw::MavMessage::COMMAND_INT(m)) => Command::from_int(m),
             Message::Raw(raw::MavMessage::HEARTBEAT(_)) => {
-                if let Some(owner) = self.owner.as_mut().filter(|o| o.address == from.address) {
+                if let Some(owner) = self.owner.as_mut().filter(|o| is_same(o.peer, from)) {
                     owner.heard = now;
                 }
                 return false;
@@ -151,7 +186,7 @@ impl OperatorControl {
             return false;
         }
         let before = self.owner;
-        let result = self.asked(now, from, &command, ctx, out);
+        let result = self.asked(now, from, &command, out);
         commands::ack(from, command.number, result, out);
         if before != self.owner {
             self.tell(now, ctx, out);
@@ -159,35 +194,33 @@ impl OperatorControl {
         true
     }
 
-    fn asked(
-        &mut self,
-        now: Timestamp,
-        from: Peer,
-        c: &Command,
-        ctx: &Context<'_>,
-        out: &mut Outbox,
-    ) -> u8 {
+    fn asked(&mut self, now: Timestamp, from: Peer, c: &Command, out: &mut Outbox) -> u8 {
         let system = c.whole(4).unwrap_or(0);
         if system != 0 && system != i32::from(from.address.system) {
             return result::DENIED;
         }
         let allows_takeover = c.whole(2) == Some(1);
         match (c.whole(1), self.owner) {
-            (Some(0), Some(owner)) if owner.address.system == from.address.system => {
-                self.owner = None;
+            (Some(0), Some(owner)) if is_same(owner.peer, from) => {
+                // Who waits gets it without a moment in which anybody else could.
+                self.free(out);
                 self.grant_waiting(now, out);
                 result::ACCEPTED
             }
             // Giving back what one does not have changes nothing.
             (Some(0), _) => result::ACCEPTED,
-            (Some(1), Some(owner)) if owner.address.system == from.address.system => {
-                self.take(now, from, allows_takeover);
+            (Some(1), Some(owner)) if is_same(owner.peer, from) => {
+                self.owner = Some(Owner {
+                    heard: now,
+                    allows_takeover,
+                    ..owner
+                });
                 if allows_takeover {
                     self.grant_waiting(now, out);
                 }
                 result::ACCEPTED
             }
-            (Some(1), Some(owner)) if !owner.allows_takeover && !is_open(ctx) => {
+            (Some(1), Some(owner)) if !owner.allows_takeover => {
                 let time_s = c.param(3).filter(|t| *t > 0.0).unwrap_or(ANSWER_S);
                 self.waiting = Some(Waiting {
                     peer: from,
@@ -204,7 +237,7 @@ impl OperatorControl {
                         Severity::Warning,
                         format!(
                             "System {} took control from system {}",
-                            from.address.system, owner.address.system
+                            from.address.system, owner.peer.address.system
                         ),
                     );
                 }
@@ -217,8 +250,8 @@ impl OperatorControl {
     /// Lets the owner decide.
     fn pass_on(&self, owner: Owner, from: Peer, c: &Command, out: &mut Outbox) {
         let request = raw::COMMAND_LONG_DATA {
-            target_system: owner.address.system,
-            target_component: owner.address.component,
+            target_system: owner.peer.address.system,
+            target_component: owner.peer.address.component,
             command: cmd::REQUEST_OPERATOR_CONTROL,
             param1: 1.0,
             param2: c.params[1],
@@ -231,21 +264,55 @@ impl OperatorControl {
             Severity::Warning,
             format!(
                 "System {} asks system {} for control",
-                from.address.system, owner.address.system
+                from.address.system, owner.peer.address.system
             ),
         );
     }
 
     fn take(&mut self, now: Timestamp, peer: Peer, allows_takeover: bool) {
         self.is_bereft = false;
+        self.lease += 1;
         self.owner = Some(Owner {
-            address: peer.address,
+            peer,
             heard: now,
             allows_takeover,
+            is_gone: false,
         });
-        self.waiting = self
-            .waiting
-            .filter(|w| w.peer.address.system != peer.address.system);
+        self.waiting = self.waiting.filter(|w| !is_same(w.peer, peer));
+    }
+
+    /// Nobody is in control, and nobody's sticks are deflected.
+    fn free(&mut self, out: &mut Outbox) {
+        if let Some(owner) = self.owner.take() {
+            self.lease += 1;
+            let centred = ManualInput {
+                forward: Some(0.0),
+                right: Some(0.0),
+                yaw: Some(0.0),
+                throttle: Some(0.5),
+            };
+            out.ask(owner.peer, Request::Manual(centred));
+        }
+    }
+
+    /// A link is gone, and with it who waited for control there; who had it loses it with the next tick.
+    pub fn link_down(&mut self, link: LinkId) {
+        self.waiting = self.waiting.filter(|w| w.peer.link != link);
+        if let Some(owner) = self.owner.as_mut().filter(|o| o.peer.link == link) {
+            owner.is_gone = true;
+        }
+    }
+
+    fn lose(&mut self, now: Timestamp, owner: Owner, ctx: &Context<'_>, out: &mut Outbox) {
+        self.free(out);
+        self.is_bereft = ctx.snapshot.is_armed && !is_open(ctx);
+        let system = owner.peer.address.system;
+        out.text(
+            Severity::Warning,
+            format!("System {system} lost: control is free"),
+        );
+        self.grant_waiting(now, out);
+        self.tell(now, ctx, out);
     }
 
     fn grant_waiting(&mut self, now: Timestamp, out: &mut Outbox) {
@@ -263,16 +330,9 @@ impl OperatorControl {
         self.waiting = self.waiting.filter(|w| now < w.until);
         self.is_bereft &= ctx.snapshot.is_armed;
         if let Some(owner) = self.owner
-            && now.since(owner.heard) >= OWNER_SILENT
+            && (owner.is_gone || now.since(owner.heard) >= OWNER_SILENT)
         {
-            self.owner = None;
-            self.is_bereft = ctx.snapshot.is_armed && !is_open(ctx);
-            out.text(
-                Severity::Warning,
-                format!("System {} lost: control is free", owner.address.system),
-            );
-            self.grant_waiting(now, out);
-            self.tell(now, ctx, out);
+            self.lose(now, owner, ctx, out);
         } else if now >= self.next_status && !is_open(ctx) {
             self.tell(now, ctx, out);
         }
@@ -282,6 +342,10 @@ impl OperatorControl {
         self.next_status = now + PERIOD;
         out.send(Destination::All, self.status(ctx));
     }
+}
+
+fn is_same(a: Peer, b: Peer) -> bool {
+    a.link == b.link && a.address.system == b.address.system
 }
 
 fn is_open(ctx: &Context<'_>) -> bool {
@@ -350,8 +414,7 @@ mod tests {
         }
 
         fn may(&self, system: u8) -> bool {
-            self.control
-                .admits(station(system).address, &self.bench.ctx())
+            self.control.admits(station(system), &self.bench.ctx())
         }
 
         fn beat(&mut self, system: u8) {
@@ -374,8 +437,36 @@ mod tests {
         assert!(t.may(245) && t.may(246));
         assert_eq!(t.ask(245, 1, 0), result::ACCEPTED);
         assert!(t.may(246));
-        assert_eq!(t.ask(246, 1, 0), result::ACCEPTED);
-        assert_eq!(t.control.main_system(), 246);
+        assert_eq!(t.ask(246, 1, 0), result::FAILED, "the owner is asked");
+        assert_eq!(t.control.main_system(), 245);
+    }
+
+    #[test]
+    fn who_speaks_with_the_owners_number_from_another_link_is_somebody_else() {
+        let mut t = Table::new(ControlPolicy::Exclusive);
+        t.ask(245, 1, 0);
+        let elsewhere = Peer {
+            link: LinkId::of(7, 7),
+            ..station(245)
+        };
+        assert!(!t.control.admits(elsewhere, &t.bench.ctx()));
+    }
+
+    #[test]
+    fn a_link_that_goes_down_frees_control_centres_the_sticks_and_ends_the_lease() {
+        let mut t = Table::new(ControlPolicy::Exclusive);
+        t.ask(245, 1, 0);
+        let before = t.control.control();
+        t.out = Outbox::default();
+        t.control.link_down(station(245).link);
+        t.tick(100);
+        let after = t.control.control();
+        assert_eq!(after.owner, None);
+        assert!(after.lease > before.lease);
+        let centred = t.out.requests.iter().any(|asked| {
+            matches!(asked.request, Request::Manual(m) if m.forward == Some(0.0) && m.throttle == Some(0.5))
+        });
+        assert!(centred);
     }
 
     #[test]
@@ -426,12 +517,12 @@ mod tests {
         assert!(!t.may(245));
         let ctx = t.bench.ctx();
         assert!(
-            !t.control.counts_as_presence(station(246).address, &ctx),
+            !t.control.counts_as_presence(station(246), &ctx),
             "the ground is lost though another watches"
         );
         assert_eq!(t.ask(246, 1, 0), result::ACCEPTED);
         let ctx = t.bench.ctx();
-        assert!(t.control.counts_as_presence(station(246).address, &ctx));
+        assert!(t.control.counts_as_presence(station(246), &ctx));
     }
 
     #[test]

@@ -15,6 +15,7 @@ use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
 use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
 use crate::autopilot::flight::Flight;
+use crate::autopilot::insight::Insight;
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
@@ -22,6 +23,7 @@ use crate::log::{Emitted, FlightRecord, Part};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -63,6 +65,7 @@ pub struct FlightHandle {
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
+    insight: Arc<InsightCell>,
     borrower: Option<Borrower>,
 }
 
@@ -136,6 +139,14 @@ impl FlightHandle {
         self.news.try_recv().ok()
     }
 
+    /// Copies the newest look into the vehicle's thoughts and asks for the next one.
+    pub fn read_insight(&self, into: &mut Insight) {
+        if let Ok(seen) = self.insight.seen.lock() {
+            into.copy_from(&seen);
+        }
+        self.insight.is_wanted.store(true, Ordering::Relaxed);
+    }
+
     /// Copies the newest snapshot.
     pub fn read_snapshot(&self, into: &mut Snapshot) {
         if let Ok(snapshot) = self.snapshot.lock() {
@@ -164,6 +175,7 @@ pub fn start(
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
     let snapshot = Arc::new(Mutex::new(flight.snapshot().clone()));
+    let insight = Arc::<InsightCell>::default();
     let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(LineError::Thread)?;
     let (want_line, lines) =
         line_thread(endpoint, tell.clone(), Arc::clone(&wake)).map_err(LineError::Thread)?;
@@ -175,6 +187,7 @@ pub fn start(
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
+        insight: Arc::clone(&insight),
         borrower: Some(borrower),
     };
     let shell = Shell {
@@ -191,6 +204,7 @@ pub fn start(
         wake,
         timer,
         cell: snapshot,
+        insight,
         kept,
         own: Histogram::default(),
         was_armed: false,
@@ -341,6 +355,13 @@ fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
     Ok(())
 }
 
+/// A look into the flight's thoughts, taken only when somebody wants it.
+#[derive(Debug, Default)]
+struct InsightCell {
+    is_wanted: AtomicBool,
+    seen: Mutex<Insight>,
+}
+
 struct Shell {
     flight: Flight,
     clock: Clock,
@@ -355,6 +376,7 @@ struct Shell {
     wake: Arc<OwnedFd>,
     timer: AbsoluteTimer,
     cell: Arc<Mutex<Snapshot>>,
+    insight: Arc<InsightCell>,
     kept: Arc<Kept>,
     /// From the stamp of a reply to the end of the write of the frame it caused.
     own: Histogram,
@@ -551,6 +573,12 @@ impl Shell {
         {
             cell.clone_from(snapshot);
             cell.flight_loop.reply_to_command = self.own.summary();
+        }
+        if self.insight.is_wanted.load(Ordering::Relaxed)
+            && let Ok(mut seen) = self.insight.seen.try_lock()
+        {
+            self.insight.is_wanted.store(false, Ordering::Relaxed);
+            seen.look(&self.flight);
         }
     }
 }

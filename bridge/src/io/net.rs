@@ -80,6 +80,7 @@ pub struct Links {
     events: std_mpsc::Receiver<LinkEvent>,
     outgoing: mpsc::Sender<(LinkId, FrameBytes)>,
     dropped: Arc<AtomicU64>,
+    joint: Joint,
     /// What was opened, for people.
     pub described: Vec<String>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -128,6 +129,14 @@ impl Links {
             next_link: Arc::new(AtomicU32::new(1)),
             endpoint: 0,
         };
+        let (register, mut registered) = mpsc::channel(64);
+        let joint = Joint {
+            hub: Hub {
+                endpoint: JOINED,
+                ..hub.clone()
+            },
+            register: register.clone(),
+        };
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
@@ -136,7 +145,6 @@ impl Links {
             .name("links".to_owned())
             .spawn(move || {
                 runtime.block_on(async move {
-                    let (register, mut registered) = mpsc::channel(64);
                     for (b, endpoint) in bound.into_iter().zip(0..) {
                         let hub = Hub {
                             endpoint,
@@ -174,6 +182,7 @@ impl Links {
             events,
             outgoing,
             dropped,
+            joint,
             described,
             thread: Some(thread),
         })
@@ -198,10 +207,66 @@ impl Links {
         }
     }
 
+    /// Where other parts of the shell join links of their own.
+    #[must_use]
+    pub fn joint(&self) -> Joint {
+        self.joint.clone()
+    }
+
     /// Frames and datagrams dropped because a queue was full.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+/// Number of the endpoint that joined links belong to.
+const JOINED: u8 = u8::MAX;
+
+/// Where a link joins that is opened elsewhere: a page of the console.
+#[derive(Clone, Debug)]
+pub struct Joint {
+    hub: Hub,
+    register: Register,
+}
+
+/// A link that joined; it must [`leave`](Joined::leave).
+#[derive(Debug)]
+pub struct Joined {
+    /// Its number.
+    pub link: LinkId,
+    hub: Hub,
+    register: Register,
+}
+
+impl Joint {
+    /// A new link, and the frames that are to be sent on it; none if the links are closed.
+    pub async fn join(&self) -> Option<(Joined, mpsc::Receiver<FrameBytes>)> {
+        let link = self.hub.link(None);
+        let (sender, frames) = mpsc::channel(TO_LINK);
+        self.register.send((link, Some(sender))).await.ok()?;
+        let joined = Joined {
+            link,
+            hub: self.hub.clone(),
+            register: self.register.clone(),
+        };
+        Some((joined, frames))
+    }
+}
+
+impl Joined {
+    /// Whole frames came; dropped and counted if the core is behind.
+    pub fn frames(&self, bytes: Vec<u8>) {
+        self.hub.tell(LinkEvent::Bytes {
+            link: self.link,
+            bytes,
+            is_datagram: true,
+        });
+    }
+
+    /// The link is gone.
+    pub async fn leave(self) {
+        let _ = self.register.send((self.link, None)).await;
     }
 }
 
@@ -343,7 +408,7 @@ fn next_free<S>(
 }
 
 /// What every link task knows.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 struct Hub {
     to_core: std_mpsc::SyncSender<LinkEvent>,
     dropped: Arc<AtomicU64>,

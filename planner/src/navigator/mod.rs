@@ -280,6 +280,18 @@ impl Navigator {
         }
     }
 
+    /// The histogram of the last step on the way: sectors counter-clockwise from plan x, for the console.
+    #[must_use]
+    pub const fn histogram(&self) -> &Histogram {
+        &self.histogram
+    }
+
+    /// Direction flown in, chosen by VFH: counter-clockwise from plan x, rad. None if none was free or nothing is flown to.
+    #[must_use]
+    pub const fn chosen_rad(&self) -> Option<f64> {
+        self.previous_rad
+    }
+
     /// The router, for checking plans against the same walls.
     pub const fn router_mut(&mut self) -> &mut Router {
         &mut self.router
