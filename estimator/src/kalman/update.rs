@@ -21,6 +21,9 @@ pub struct Quality {
     pub std: f64,
     /// Neighbouring samples share their error for this long, s: faster streams do not know more.
     pub correlation_s: f64,
+    /// What is measured never gets surer than this by it: variance, unit of the measurement squared. For an estimate that has
+    /// gathered evidence itself, which counted again and again would be worth more every time.
+    pub least_variance: f64,
 }
 
 impl Quality {
@@ -30,6 +33,7 @@ impl Quality {
         Self {
             std,
             correlation_s: 0.0,
+            least_variance: 0.0,
         }
     }
 }
@@ -58,7 +62,7 @@ impl Filter {
             r *= (quality.correlation_s / spacing.max(1e-3)).max(1.0);
         }
         let r = r.max(1e-10);
-        let (mut ph, hph) = self
+        let (mut ph, mut hph) = self
             .covariance
             .times(observation.row(), observation.support());
         let mut per_s = 1.0 / (hph + r);
@@ -74,9 +78,15 @@ impl Filter {
                     self.covariance.add_outer(&ph, extra / (hph * hph));
                     self.covariance.keep_sound();
                     ph = ph.scaled(1.0 + extra / hph);
-                    per_s = 1.0 / (hph + extra + r);
+                    hph += extra;
+                    per_s = 1.0 / (hph + r);
                 }
             }
+        }
+        if quality.least_variance > 0.0 {
+            // `p - p^2 / s` is left of a variance p.
+            let most = (hph - quality.least_variance) / (hph * hph);
+            per_s = if most > 0.0 { per_s.min(most) } else { 0.0 };
         }
         let gain = innovation * per_s;
         // The state was finite before, so it is enough to look at what is added; no correction is larger than the root of its
