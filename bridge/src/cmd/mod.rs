@@ -11,6 +11,7 @@ pub(crate) mod msp;
 pub(crate) mod msp_ask;
 pub(crate) mod msp_serve;
 pub(crate) mod params;
+pub(crate) mod passwd;
 pub(crate) mod picture;
 pub(crate) mod rooms;
 pub(crate) mod session;
