@@ -44,6 +44,8 @@ enum Command {
     Mav(cmd::mav::MavArgs),
     /// Make and show keys of signed MAVLink links.
     Keys(cmd::keys::KeysArgs),
+    /// Make, change and list users of the console.
+    Passwd(cmd::passwd::PasswdArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
@@ -70,6 +72,7 @@ fn main() -> ExitCode {
         Command::Msp(args) => cmd::msp::run(&args),
         Command::Mav(args) => cmd::mav::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
+        Command::Passwd(args) => cmd::passwd::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),

@@ -9,7 +9,7 @@ const SIZE = SECONDS * HZ;
 
 const CHARTS = [
   ['c_height', [['c_z', 'good', (s) => s.z]], 0.5],
-  ['c_speed', [['c_speed', 'accent', (s) => Math.hypot(s.vx, s.vy)], ['', 'ink-faint', (s) => Math.hypot(s.want_vx, s.want_vy)]], 0.4],
+  ['c_speed', [['', 'accent', (s) => Math.hypot(s.vx, s.vy)], ['', 'ink-faint', (s) => Math.hypot(s.want_vx, s.want_vy)]], 0.4],
   ['c_tilt', [['c_roll', 'info', (s) => (s.roll * 180) / Math.PI], ['c_pitch', 'warn', (s) => (s.pitch * 180) / Math.PI]], 6],
   ['c_sigma', [['', 'waypoint', (s) => Math.max(s.std_n, s.std_e)]], 0.1],
   ['c_battery', [['', 'good', (s) => s.volts]], 0.6],
@@ -90,7 +90,7 @@ export function chartsPane(app) {
         }
         c.stroke();
         const v = ring[(at + read) % SIZE];
-        if (label || lines.length === 1) words.push(`${label && lines.length > 1 ? `${t(label)} ` : ''}${num(v, 2)}`);
+        if (label || k === 0) words.push(`${label && lines.length > 1 ? `${t(label)} ` : ''}${num(v, 2)}`);
       });
       if (cursor !== null) {
         const x = left + (read / (SIZE - 1)) * (w - left);

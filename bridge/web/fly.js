@@ -1,6 +1,7 @@
 // The first tab: who has control, arm, take off, modes, camera, health.
 
 import { h, icon, num, put, toggle } from './dom.js';
+import { sticksCard } from './sticks.js';
 import { t } from './words.js';
 
 const MANUAL = ['Position', 'Altitude', 'Stabilized'];
@@ -51,11 +52,11 @@ export function flyPane(app) {
 
   const pane = h('div.pane', { role: 'tabpanel' },
     h('section.card', h('div.row', owner, control), asking),
-    h('section.card', h('div', slide.el, disarm), h('div.grid3', { style: { 'margin-top': '9px' } }, Object.values(actions)), h('div', { style: { 'margin-top': '9px' } }, modes)),
-    h('section.card.full', { 'data-card': 'sticks', className: 'card full hidden' }),
+    h('section.card.stack', h('div', slide.el, disarm), h('div.grid3', Object.values(actions)), modes),
+    h('section.card.full.hidden', { 'data-card': 'sticks' }),
     h('section.card', h('h2', icon('eye', 15), t('health')), health),
     h('section.card', h('h2', icon('camera', 15), t('video')), h('div.camera', h('b', t('no_video')), h('small', t('no_video_why')))));
-  app.sticksCard = pane.querySelector('[data-card=sticks]');
+  const pad = sticksCard(app, pane.querySelector('[data-card=sticks]'));
 
   const set = (key, level, text) => {
     const [dt, dd] = facts[key];
@@ -65,6 +66,7 @@ export function flyPane(app) {
   };
 
   function update() {
+    pad.update();
     const s = vehicle.state;
     const c = vehicle.control;
     const who = c?.owner;
@@ -108,7 +110,7 @@ export function flyPane(app) {
     set('link', !app.link.isOpen ? 'bad' : ms > 150 ? 'warn' : 'good', `${num(ms, 0)} ms · ${num(app.rate, 0)} kB/s`);
     set('battery', s.battery < 0.15 ? 'bad' : s.battery < 0.3 ? 'warn' : 'good', `${num(s.volts, 1)} V · ${num(s.amps, 1)} A · ${num(s.battery * 100, 0)} %`);
   }
-  return { el: pane, update, actions };
+  return { el: pane, update, actions, draw: pad.draw };
 }
 
 /** A knob that must be pulled all the way; by keys: three times right. */

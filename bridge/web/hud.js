@@ -11,6 +11,7 @@ export function hud() {
   const cells = {};
   const cell = (key) => [h('dt', t(key)), (cells[key] = h('dd')), (cells[`${key}2`] = h('dd.sub'))];
   const el = h('div.card-float.hud', canvas, h('dl', cell('height'), cell('speed'), cell('heading'), cell('position')));
+  cells.position.classList.add('pair');
   const number = (dd, value, unit) => {
     if (dd.dataset.v === value) return;
     dd.dataset.v = value;

@@ -96,7 +96,7 @@ function build(app) {
   }
   app.halt = halt;
   const tabs = TABS.filter(([, , , role]) => !role || app.isAtLeast(role));
-  const holder = h('div', { style: { display: 'contents' } });
+  const holder = h('div.scroll');
   const buttons = tabs.map(([name, glyph, make]) => h('button', { role: 'tab', 'aria-selected': 'false', 'data-tab': name, onclick: () => select(name, make) }, icon(glyph, 19), t(name)));
   const panes = new Map();
   async function select(name, make) {
@@ -120,7 +120,7 @@ function build(app) {
     app.modes = e.detail.modes;
     app.reasons = e.detail.reasons;
     toggle(veil, 'hidden', true);
-    app.onOpened?.();
+    fence(app);
   });
   link.addEventListener('closed', (e) => {
     app.sticks?.release();
@@ -132,6 +132,7 @@ function build(app) {
   link.addEventListener('refused', (e) => app.tell('warn', t(`v_${e.detail}`)));
   station.addEventListener('text', (e) => {
     const { severity, text } = e.detail;
+    if (/fence/i.test(text)) fence(app);
     app.texts.push({ at: new Date(), severity, text });
     if (app.texts.length > 500) app.texts.shift();
     app.tell(severity <= 3 ? 'bad' : severity === 4 ? 'warn' : severity === 5 ? 'info' : 'good', text);
@@ -189,6 +190,41 @@ function build(app) {
   const frame = (now) => { if (!canvas.isConnected) return; view.draw(now); app.pane?.draw?.(now); requestAnimationFrame(frame); };
   requestAnimationFrame(frame);
   window.kestrel = app;
+}
+
+/** The fence on board, drawn on the plan. */
+async function fence(app) {
+  const { station, view } = app;
+  const r = await station.download(1);
+  if (!r.ok || !r.items.length) { view.fence = []; return; }
+  await station.read(['KST_LAT0', 'KST_LON0']);
+  const origin = ['KST_LAT0', 'KST_LON0'].map((n) => station.params.get(n)?.value ?? 0);
+  view.fence = areas(r.items, (i) => view.fromNed(...(i.frame === 1 ? [i.x / 1e4, i.y / 1e4] : metres(i, origin))));
+}
+
+/** Items of a fence as areas: corners follow each other by their count, a circle is its radius. */
+function areas(items, place) {
+  const out = [];
+  for (let i = 0; i < items.length;) {
+    const item = items[i];
+    const keepOut = item.command === 5002 || item.command === 5004;
+    if (item.command >= 5003) {
+      const [x, y] = place(item);
+      out.push({ x, y, radius: item.param1, keepOut });
+      i++;
+    } else {
+      const n = Math.max(1, item.param1);
+      out.push({ points: items.slice(i, i + n).map(place), keepOut });
+      i += n;
+    }
+  }
+  return out;
+}
+
+/** A global place as metres north and east of the origin (the drone's own way: a sphere of 6,378,137 m). */
+function metres(item, [lat0, lon0]) {
+  const k = (1e-7 * Math.PI) / 180;
+  return [(item.x - lat0) * k * 6378137, (item.y - lon0) * k * 6378137 * Math.cos(lat0 * k)];
 }
 
 /** The vehicle in three words. */

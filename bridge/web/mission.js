@@ -88,7 +88,7 @@ export function missionPane(app) {
       view.waypoints.push({ x, y, wait: item.param1, seq: item.seq });
       height.value = num(-item.z, 1);
     }
-    homeAtEnd.checked = r.items.some((i) => i.command === CMD.RETURN);
+    if (r.items.length) homeAtEnd.checked = r.items.some((i) => i.command === CMD.RETURN);
     draw();
     return r;
   }

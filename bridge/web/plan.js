@@ -50,11 +50,16 @@ export class PlanView extends EventTarget {
     if (!this.plan || !this.width) return;
     const { width, height, cell, origin } = this.plan;
     const [w, h] = [width * cell, height * cell];
-    const [left, right, top, bottom] = this.insets ?? [24, 24, 64, 40];
+    const [left, right, top, bottom] = this.insets();
     this.view.scale = Math.min((this.width - left - right) / w, (this.height - top - bottom) / h);
     this.view.x = origin[0] + w / 2 - (left - right) / 2 / this.view.scale;
     this.view.y = origin[1] + h / 2 + (top - bottom) / 2 / this.view.scale;
     this.follow = false;
+  }
+
+  /** Room kept for what floats over the plan: left, right, top, bottom. */
+  insets() {
+    return this.width > 620 ? [142, 16, 62, 34] : [10, 10, 10, 30];
   }
 
   zoom(factor, at = [this.width / 2, this.height / 2]) {
@@ -354,7 +359,8 @@ export class PlanView extends EventTarget {
     if (path.length < 2) return;
     ctx.strokeStyle = this.colour.path;
     ctx.lineWidth = Math.max(2, Math.min(4, 0.045 * this.view.scale));
-    ctx.lineJoin = ctx.lineCap = 'round';
+    ctx.lineJoin = 'round';
+    ctx.lineCap = 'butt';
     // Older pieces fade.
     const pieces = 24;
     const per = Math.ceil(path.length / pieces);
@@ -421,8 +427,15 @@ export class PlanView extends EventTarget {
       ctx.moveTo(...p);
       ctx.arc(p[0], p[1], r, -yaw - w, -yaw + w);
       ctx.closePath();
-      ctx.fillStyle = this.colour.cone;
-      ctx.globalAlpha = isHit ? 0.2 : 0.07;
+      // Into nothing it fades: nothing was seen there, which is not that nothing is there.
+      if (isHit) ctx.fillStyle = this.colour.cone;
+      else {
+        const fade = ctx.createRadialGradient(p[0], p[1], 0, p[0], p[1], r * 0.8);
+        fade.addColorStop(0, this.colour.cone);
+        fade.addColorStop(1, 'transparent');
+        ctx.fillStyle = fade;
+      }
+      ctx.globalAlpha = isHit ? 0.2 : 0.16;
       ctx.fill();
       if (isHit) {
         ctx.globalAlpha = 0.95;
@@ -586,24 +599,37 @@ export class PlanView extends EventTarget {
       ctx.lineTo(x * r * 0.72, y * r * 0.72);
     }
     ctx.stroke();
-    const turn = s.armed ? now / 38 : 0.6;
+    const turn = now / 60;
     for (const [i, [x, y]] of [[0.72, 0.72], [0.72, -0.72], [-0.72, 0.72], [-0.72, -0.72]].entries()) {
       ctx.save();
       ctx.translate(x * r, y * r);
       ctx.beginPath();
       ctx.arc(0, 0, r * 0.5, 0, TAU);
-      ctx.fillStyle = this.colour.drone;
-      ctx.globalAlpha = s.armed ? 0.34 : 0.16;
+      ctx.fillStyle = ctx.strokeStyle = this.colour.drone;
+      ctx.globalAlpha = s.armed ? 0.26 : 0.1;
       ctx.fill();
-      ctx.globalAlpha = 1;
-      ctx.strokeStyle = this.colour.drone;
-      ctx.lineWidth = 1.4;
+      ctx.globalAlpha = s.armed ? 0.85 : 0.5;
+      ctx.lineWidth = 1.3;
       ctx.stroke();
-      ctx.rotate(i % 2 ? turn : -turn);
-      ctx.beginPath();
-      ctx.moveTo(-r * 0.44, 0);
-      ctx.lineTo(r * 0.44, 0);
-      ctx.stroke();
+      if (s.armed) {
+        // Blades too fast to see: two bright arcs.
+        ctx.rotate(i % 2 ? turn : -turn);
+        ctx.globalAlpha = 0.75;
+        ctx.lineWidth = r * 0.13;
+        ctx.lineCap = 'butt';
+        for (const from of [0, Math.PI]) {
+          ctx.beginPath();
+          ctx.arc(0, 0, r * 0.33, from, from + 0.9);
+          ctx.stroke();
+        }
+      } else {
+        ctx.rotate(i % 2 ? 0.7 : -0.5);
+        ctx.lineWidth = r * 0.1;
+        ctx.beginPath();
+        ctx.moveTo(-r * 0.42, 0);
+        ctx.lineTo(r * 0.42, 0);
+        ctx.stroke();
+      }
       ctx.restore();
     }
     // The nose.

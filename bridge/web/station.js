@@ -98,6 +98,14 @@ export class Station extends EventTarget {
     this.paramTimer = setTimeout(() => this.#missingParams(tries + 1), 500);
   }
 
+  /** Reads some parameters by name; resolves when they are there, or after a second. */
+  async read(names) {
+    for (let tries = 0; tries < 5 && names.some((n) => !this.params.has(n)); tries++) {
+      for (const n of names) if (!this.params.has(n)) this.link.send('PARAM_REQUEST_READ', { ...this.#to, param_id: n, param_index: -1 });
+      await new Promise((r) => setTimeout(r, 200));
+    }
+  }
+
   setParam(name, value) {
     const p = this.params.get(name);
     this.link.send('PARAM_SET', { ...this.#to, param_id: name, param_value: encodeParam(value, p.type), param_type: p.type });

@@ -13,6 +13,7 @@ pub(crate) mod msp;
 pub(crate) mod msp_ask;
 pub(crate) mod msp_serve;
 pub(crate) mod params;
+pub(crate) mod passwd;
 pub(crate) mod picture;
 pub(crate) mod replay;
 pub(crate) mod rooms;

@@ -37,3 +37,4 @@ pub mod topics;
 pub use console::{Console, ConsoleConfig};
 pub use picture::Picture;
 pub use role::Role;
+pub use routes::table as routes_table;

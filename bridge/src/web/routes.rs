@@ -153,6 +153,25 @@ pub(super) const TABLE: &[Route] = &[
     },
 ];
 
+/// Every route: method, path, and the role it needs (none: anybody's). For tests that walk it.
+#[must_use]
+pub fn table() -> Vec<(&'static str, &'static str, Option<Role>)> {
+    TABLE
+        .iter()
+        .map(|r| {
+            let method = match r.method {
+                Get => "GET",
+                Post => "POST",
+            };
+            let needs = match r.access {
+                Public => None,
+                Needs(role) => Some(role),
+            };
+            (method, r.path, needs)
+        })
+        .collect()
+}
+
 /// The row of a request.
 pub(super) fn find(method: &Method, path: &str) -> Option<&'static Route> {
     let fits = |pattern: &str| {
