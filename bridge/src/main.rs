@@ -42,6 +42,10 @@ enum Command {
     Msp(cmd::msp::MspArgs),
     /// Make and show keys of signed MAVLink links.
     Keys(cmd::keys::KeysArgs),
+    /// Show, check and import floor plans.
+    Map(cmd::map::MapArgs),
+    /// Make a patrol from a floor plan: a QGroundControl plan file and a picture.
+    Plan(cmd::plan::PlanArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
@@ -63,6 +67,8 @@ fn main() -> ExitCode {
         Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
+        Command::Map(args) => cmd::map::run(args),
+        Command::Plan(args) => cmd::plan::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),

@@ -7,6 +7,7 @@ pub mod arbiter;
 pub mod arming;
 pub mod beat;
 pub mod door;
+pub mod endurance;
 pub mod failsafe_page;
 pub mod flight;
 pub mod ground;

@@ -14,6 +14,8 @@
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
 //! | [`metadata`], [`disk`] | files made here; jobs for the disk |
+//! | [`patrol`] | a report per round |
+//! | [`plan_file`] | QGroundControl's plan files |
 //! | [`out_queue`] | what waits to be sent, bounded |
 
 #[cfg(test)]
@@ -34,7 +36,9 @@ pub mod mission;
 pub mod origin;
 pub mod out_queue;
 pub mod params;
+pub mod patrol;
 mod place;
+pub mod plan_file;
 pub mod router;
 pub mod setpoint;
 pub mod signing;
