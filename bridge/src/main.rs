@@ -46,6 +46,10 @@ enum Command {
     Keys(cmd::keys::KeysArgs),
     /// Make, change and list users of the console.
     Passwd(cmd::passwd::PasswdArgs),
+    /// Show, check and import floor plans.
+    Map(cmd::map::MapArgs),
+    /// Make a patrol from a floor plan: a QGroundControl plan file and a picture.
+    Plan(cmd::plan::PlanArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
@@ -73,6 +77,8 @@ fn main() -> ExitCode {
         Command::Mav(args) => cmd::mav::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
         Command::Passwd(args) => cmd::passwd::run(&args),
+        Command::Map(args) => cmd::map::run(args),
+        Command::Plan(args) => cmd::plan::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),

@@ -11,6 +11,7 @@ use super::mode::{Because, Mode, ModeState};
 use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
 use msp::message::FcVariant;
+use planner::fence::Site;
 use planner::mission::Plan;
 use planner::navigator::Avoidance;
 use serde::{Deserialize, Serialize};
@@ -69,6 +70,8 @@ pub enum Request {
     GoTo(GoTo),
     /// Replace the plan. The old one comes back in [`Event::PlanRetired`].
     SetPlan(Arc<Plan>),
+    /// Replace fence and rally points. The old ones come back in [`Event::SiteRetired`].
+    SetSite(Arc<Site>),
     /// Continue the plan at an item.
     SetMissionItem(u16),
     /// Start the plan at an item (MAV_CMD_MISSION_START).
@@ -319,6 +322,8 @@ pub enum Refusal {
     },
     /// A place outside the plan or too near a wall.
     PlaceBlocked,
+    /// A place outside the fence, in a no-fly zone, or too near to their border.
+    OutsideFence,
     /// No way leads there.
     NoRoute,
     /// Off-board needs a stream of set points first.
@@ -370,6 +375,7 @@ impl Refusal {
         match self {
             Self::BadNumber
             | Self::PlaceBlocked
+            | Self::OutsideFence
             | Self::NoSuchItem { .. }
             | Self::Flying
             | Self::MotorTestOff
@@ -402,6 +408,7 @@ impl fmt::Display for Refusal {
                 write!(f, "no mission item {seq} (there are {total})")
             }
             Self::PlaceBlocked => write!(f, "that place is in a wall or off the plan"),
+            Self::OutsideFence => write!(f, "that place is outside the fence or in a no-fly zone"),
             Self::NoRoute => write!(f, "no way leads there"),
             Self::NoOffboardStream => write!(f, "send off-board set points first"),
             Self::OtherStation { system } => write!(f, "system {system} is steering"),
@@ -447,6 +454,7 @@ impl Because {
             Self::NotLocalized => "not localized",
             Self::RangersSilent => "range finders silent",
             Self::BatteryLow => "battery low",
+            Self::BatteryReserve => "battery just enough for the way home",
             Self::ShuttingDown => "shutting down",
             Self::EstimatorFailed => "estimate unusable",
             Self::FcSilent => "flight controller silent",
@@ -533,6 +541,8 @@ pub enum Event {
     HomeSet,
     /// A plan no longer in use, to be freed by `Ground`.
     PlanRetired(Arc<Plan>),
+    /// Fence and rally points no longer in use, the same way.
+    SiteRetired(Arc<Site>),
     /// A marker of the key console.
     Marker(Timestamp),
 }
@@ -612,6 +622,13 @@ pub enum Notice {
         seq: u16,
         /// Why.
         why: Refusal,
+    },
+    /// Return goes to a rally point, which is nearer than home.
+    ToRallyPoint {
+        /// Which, counted from 1.
+        number: u16,
+        /// Way to it, m.
+        way_m: f64,
     },
     /// An obstacle blocks the way.
     WayBlocked,
@@ -717,6 +734,9 @@ impl fmt::Display for Notice {
             Self::Refused(why) => write!(f, "Refused: {why}"),
             Self::MissionFinished => write!(f, "Mission finished"),
             Self::ItemRefused { seq, why } => write!(f, "Mission item {seq}: {why}"),
+            Self::ToRallyPoint { number, way_m } => {
+                write!(f, "Return to rally point {number}, {way_m:.1} m away")
+            }
             Self::WayBlocked => write!(f, "Way blocked: looking for another"),
             Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
             Self::Landed => write!(f, "Landed"),
@@ -878,6 +898,10 @@ pub struct Snapshot {
     pub rc_us: ArrayVec<u16, 18>,
     /// Battery.
     pub battery: Option<BatterySample>,
+    /// Time the battery lasts at the present rate, s.
+    pub endurance_s: Option<f64>,
+    /// Way home on the plan, m; none where there is none or the place is not known.
+    pub way_home_m: Option<f64>,
     /// Flight controller.
     pub fc: FcStatus,
     /// Newest inertial sample.

@@ -16,6 +16,7 @@ use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
 use super::bench_work::BenchWork;
 use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::endurance::Endurance;
 use super::handover::Handover;
 use super::health;
 use super::io::{FcBytes, Input, Output};
@@ -114,6 +115,7 @@ pub struct Flight {
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
     shutting_down: bool,
+    endurance: Endurance,
     control: ControlOutput,
     snapshot: Snapshot,
     outputs: VecDeque<Output>,
@@ -193,6 +195,7 @@ impl Flight {
             reset_counter: 0,
             ground_heard: None,
             shutting_down: false,
+            endurance: Endurance::default(),
             control: ControlOutput::default(),
             snapshot: Snapshot {
                 home_yaw_rad,
@@ -445,6 +448,7 @@ impl Flight {
             offboard_silent_s: self.arbiter.offboard_silent_s(now),
             manual_silent_s: self.arbiter.manual_silent_s(now),
             battery: self.snapshot.battery.and_then(|b| b.remaining),
+            spare_s: self.spare_s(nav),
             fc_silent_s: self.fc_silent_s(now),
             loop_gap_s,
             params: &self.settings.autopilot,
@@ -470,6 +474,19 @@ impl Flight {
                 ))),
             }
         }
+    }
+
+    /// Time the battery lasts beyond the way home and the landing, s.
+    fn spare_s(&mut self, nav: &NavState) -> Option<f64> {
+        if let Some(battery) = &self.snapshot.battery {
+            self.endurance.sample(battery, self.air == Air::Flying);
+        }
+        let left_s = self.endurance.left_s(&self.settings.autopilot);
+        let way_m = self.navigator.way_home_m(nav);
+        (self.snapshot.endurance_s, self.snapshot.way_home_m) = (left_s, way_m);
+        let cruise_mps = self.settings.planner.cruise_mps;
+        let home_s = Endurance::home_s(way_m?, nav.height_m, cruise_mps, &self.settings.autopilot);
+        Some(left_s? - home_s)
     }
 
     /// Leaves the floor or stops the motors as the arbiter ordered.

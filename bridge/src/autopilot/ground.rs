@@ -14,6 +14,7 @@ use crate::gcs::mission::MissionService;
 use crate::gcs::operator::{Control, OperatorControl};
 use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
+use crate::gcs::patrol::PatrolReport;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
 use crate::gcs::setpoint::SetpointService;
 use crate::gcs::signing::{self, LinkSigning};
@@ -32,7 +33,7 @@ use mavlink_dialect::standard::MavMessage;
 use mavlink_dialect::{Address, DecodeCounters, Decoder, Encoder, Frame, FrameBytes, Message, raw};
 use std::collections::VecDeque;
 use std::sync::Arc;
-use vehicle::{Airframe, FloorPlan, MapAnchor, Timestamp};
+use vehicle::{Airframe, FloorPlan, In, MapAnchor, Ned, Timestamp};
 
 /// Time between ticks of services with slow timers (mission re-requests, stale key lines).
 const SERVICE_PERIOD: Duration = Duration::from_millis(20);
@@ -157,6 +158,9 @@ pub struct Ground {
     signing: LinkSigning,
     fence: FenceWatch,
     book: FlightBook,
+    patrol: PatrolReport,
+    /// Named rooms of the plan, NED about home.
+    rooms: Vec<(String, In<Ned>)>,
     ftp: FtpService,
     logs: LogService,
     next_service: Timestamp,
@@ -202,6 +206,11 @@ impl Ground {
             boot_utc_us,
             documents,
         } = config;
+        let rooms = plan
+            .rooms
+            .iter()
+            .map(|r| (r.name.clone(), anchor.to_ned(In::new(r.x, r.y, 0.0))))
+            .collect();
         let places = planner::Router::new(plan, airframe.radius_m, &settings.planner);
         let mut ground = Self {
             us,
@@ -225,6 +234,8 @@ impl Ground {
             signing: LinkSigning::new(),
             fence: FenceWatch::new(),
             book: FlightBook::default(),
+            patrol: PatrolReport::new(),
+            rooms,
             ftp: FtpService::new(),
             logs: LogService::new(),
             next_service: Timestamp::ZERO,
@@ -356,9 +367,15 @@ impl Ground {
                 .text(Severity::Info, format!("Marker at {:.1} s", at.s())),
             Event::Notice(notice) => self.out.text(notice.severity(), notice.to_string()),
             // Modes and landing show in heartbeats; an item reached is the mission service's; a retired plan ends here.
-            Event::ItemReached(_) | Event::Landed(_) | Event::Mode(_) | Event::PlanRetired(_) => {}
+            Event::ItemReached(_)
+            | Event::Landed(_)
+            | Event::Mode(_)
+            | Event::PlanRetired(_)
+            | Event::SiteRetired(_) => {}
         }
         self.mission.event(event, &mut self.out);
+        let ctx = context!(self);
+        self.patrol.event(now, event, &ctx, &mut self.out);
         self.drain(now, Class::Answer);
     }
 
@@ -366,9 +383,16 @@ impl Ground {
     pub fn snapshot(&mut self, now: Timestamp, snapshot: &Snapshot) {
         self.telemetry.observe(now, snapshot);
         self.snapshot.clone_from(snapshot);
-        let (items, id) = (self.mission.fence_items(), self.mission.plan_ids().fence);
-        self.fence
-            .look(now, items, id, &context!(self), &mut self.out);
+        let ids = self.mission.plan_ids();
+        let fence = (self.mission.fence_items(), ids.fence);
+        let rally = (self.mission.rally_items(), ids.rally);
+        let ctx = context!(self);
+        self.fence.tell(fence, rally, &ctx, &mut self.out);
+        self.fence.look(now, &ctx, &mut self.out);
+        self.telemetry.set_fence(self.fence.state());
+        self.patrol
+            .learn(ids.mission, self.mission.items(), &self.rooms, &ctx);
+        self.patrol.look(&ctx);
         if let Some(flight) = self.book.look(snapshot) {
             self.out.text(Severity::Info, flight.to_string());
         }

@@ -115,6 +115,9 @@ pub(crate) struct SimArgs {
         allow_hyphen_values = true
     )]
     pub(crate) person: Vec<PersonArg>,
+    /// A box that the plan does not show: centre x,y and side (plan metres; repeatable).
+    #[arg(long, value_name = "x,y,side", allow_hyphen_values = true)]
+    pub(crate) obstacle: Vec<BoxArg>,
     /// Charge of the battery at start, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
     pub(crate) battery: f64,
@@ -167,6 +170,7 @@ impl Default for SimArgs {
             state_dir: None,
             instance: 0,
             person: Vec::new(),
+            obstacle: Vec::new(),
             battery: 100.0,
             hold: None,
             console: None,
@@ -288,6 +292,20 @@ impl FromStr for PersonArg {
     }
 }
 
+/// `--obstacle`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BoxArg([f64; 3]);
+
+impl FromStr for BoxArg {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        match numbers(s)[..] {
+            [x, y, side] if side > 0.0 => Ok(Self([x, y, side])),
+            _ => Err("x,y,side (plan metres)".to_owned()),
+        }
+    }
+}
+
 /// Finite numbers between commas; none if one is not.
 fn numbers(s: &str) -> Vec<f64> {
     let all: Option<Vec<f64>> = s
@@ -315,9 +333,7 @@ pub(crate) struct Built {
 
 impl SimArgs {
     fn room(&self) -> Result<Room> {
-        let looks_like_a_file =
-            self.room.contains('/') || self.room.ends_with(".yaml") || self.room.ends_with(".yml");
-        if looks_like_a_file {
+        if rooms::is_file(&self.room) {
             let path = Path::new(&self.room);
             Ok(Room::from_plan(&self.room, super::load_plan(path)?))
         } else {
@@ -376,7 +392,8 @@ impl SimArgs {
                     .display()
             )
         })?;
-        let room = self.room()?;
+        let boxes: Vec<[f64; 3]> = self.obstacle.iter().map(|b| b.0).collect();
+        let room = self.room()?.with_unmapped(&boxes);
         let settings = self.settings(&keep)?;
         let (pose, start) = match self.start {
             None => (room.home(), Start::Known(room.home())),

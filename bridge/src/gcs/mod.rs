@@ -17,6 +17,8 @@
 //! | [`camera`] | where the picture is to be had |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
 //! | [`metadata`], [`disk`] | files made here; jobs for the disk |
+//! | [`patrol`] | a report per round |
+//! | [`plan_file`] | QGroundControl's plan files |
 //! | [`out_queue`] | what waits to be sent, bounded |
 
 pub mod access;
@@ -41,7 +43,9 @@ pub mod operator;
 pub mod origin;
 pub mod out_queue;
 pub mod params;
+pub mod patrol;
 mod place;
+pub mod plan_file;
 pub mod router;
 pub mod setpoint;
 pub mod signing;

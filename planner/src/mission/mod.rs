@@ -110,6 +110,8 @@ struct Begun {
     /// Set when the place is reached: from then on a heading is waited for.
     there_since: Option<Timestamp>,
     at: Timestamp,
+    /// Distance to a place that is only passed, at the last step within its radius, m.
+    passing_m: Option<f64>,
     /// Touched the floor after having been off it: tells a landing from standing there before take-off.
     was_airborne: bool,
 }
@@ -247,6 +249,7 @@ impl Mission {
                         leg: self.leg_of(item, nav),
                         waiting_since: None,
                         there_since: None,
+                        passing_m: None,
                         at: now,
                         was_airborne: !landed,
                     };
@@ -364,6 +367,10 @@ impl Mission {
         begun.was_airborne |= !landed;
         let since_s = now.seconds_since(begun.at);
         let leg = begun.leg;
+        let off_m = match leg {
+            Leg::Goto(g) => (nav.position - g.position).norm_xy(),
+            _ => 0.0,
+        };
         let facing = |heading: Option<f64>| {
             heading.is_none_or(|h| {
                 shortest_turn(nav.yaw_rad(), h).abs() < p.yaw_acceptance_deg.to_radians()
@@ -393,7 +400,7 @@ impl Mission {
                     p.acceptance_m
                 };
                 if hold_s <= 0.0 {
-                    return near(radius);
+                    return near(radius) && is_passed(&mut begun.passing_m, off_m, radius);
                 }
                 if begun.waiting_since.is_none()
                     && near(radius)
@@ -425,6 +432,13 @@ impl Mission {
             PlanItem::ChangeSpeed { .. } | PlanItem::Jump { .. } | PlanItem::Skip => true,
         }
     }
+}
+
+/// A place inside its radius is passed when it is near, or no longer comes nearer: waiting for that costs a blink and halves
+/// the distance at which corners are cut.
+fn is_passed(passing_m: &mut Option<f64>, off_m: f64, radius_m: f64) -> bool {
+    let was_m = passing_m.replace(off_m);
+    off_m <= 0.5 * radius_m || was_m.is_some_and(|m| off_m > m - 1e-3)
 }
 
 #[cfg(test)]

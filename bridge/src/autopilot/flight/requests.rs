@@ -305,7 +305,10 @@ impl Flight {
             {
                 Ok(true)
             }
-            Request::SetPlan(_) | Request::SetMissionItem(_) | Request::ChangeSpeed(_) => Ok(false),
+            Request::SetPlan(_)
+            | Request::SetSite(_)
+            | Request::SetMissionItem(_)
+            | Request::ChangeSpeed(_) => Ok(false),
             _ => Err(Refusal::PilotSteers),
         }
     }
@@ -319,6 +322,7 @@ impl Flight {
         };
         self.home = home;
         self.home_yaw_rad = nav.yaw_rad();
+        self.navigator.set_home(home);
         self.emit(Output::Event(Event::HomeSet));
         Ok(Outcome::Accepted)
     }

@@ -869,9 +869,10 @@ fn download_points(v: &mut Vehicle, from: Peer, kind: u8) -> (Vec<MissionItem>, 
 }
 
 fn a_fence() -> Vec<MissionItem> {
-    let corner = |seq: u16| point(seq, 5001, 4.0, i32::from(seq) * 1_000);
+    // A sliver to stay out of beside home, and a circle about home to stay in.
+    let corner = |seq: u16| point(seq, 5002, 4.0, i32::from(seq) * 1_000 + 500);
     let mut items: Vec<_> = (0..4).map(corner).collect();
-    items.push(point(4, 5004, 0.5, 10));
+    items.push(point(4, 5003, 0.5, 10));
     items
 }
 

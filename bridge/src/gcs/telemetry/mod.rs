@@ -36,6 +36,7 @@ use self::table::{
 };
 use super::command::Streams;
 use super::convert::GeoAnchor;
+use super::fence::FenceState;
 use super::{Context, Destination, LinkId, MAX_LINKS, Outbox, Outgoing, Peer, Speaker, heartbeat};
 use crate::autopilot::door::{LandedState, MissionStatus, Snapshot};
 use crate::autopilot::mode::ModeState;
@@ -170,6 +171,7 @@ pub struct Telemetry {
     next_due: Timestamp,
     flights: Flights,
     plan_ids: PlanIds,
+    fence: FenceState,
     told: Option<Told>,
     /// Kept between ticks for its capacity.
     built: Vec<Message>,
@@ -217,6 +219,11 @@ impl Telemetry {
     /// Versions of the stored plans.
     pub fn set_plan_ids(&mut self, plan_ids: PlanIds) {
         self.plan_ids = plan_ids;
+    }
+
+    /// Where the vehicle is to the fence.
+    pub const fn set_fence(&mut self, fence: FenceState) {
+        self.fence = fence;
     }
 
     /// Looks at a new snapshot for what is told at once, and keeps the times of flights.
@@ -458,6 +465,7 @@ impl Telemetry {
             boot_utc_us: ctx.boot_utc_us,
             flights: &self.flights,
             plan_ids: self.plan_ids,
+            fence: self.fence,
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::{Flights, PlanIds, identity, own, pose, ranges, status, target};
 use crate::autopilot::door::Snapshot;
 use crate::gcs::convert::GeoAnchor;
+use crate::gcs::fence::FenceState;
 use crate::settings::Settings;
 use mavlink_dialect::{Address, Message};
 use vehicle::Timestamp;
@@ -17,6 +18,7 @@ pub(super) struct View<'a> {
     pub(super) boot_utc_us: u64,
     pub(super) flights: &'a Flights,
     pub(super) plan_ids: PlanIds,
+    pub(super) fence: FenceState,
 }
 
 type Build = fn(&View<'_>, &mut Vec<Message>);
@@ -68,6 +70,7 @@ pub(super) const TABLE: &[Row] = &[
     row(141, 4.0, pose::altitude),
     row(147, 0.5, status::battery_status),
     row(148, 0.0, identity::autopilot_version),
+    row(162, 1.0, status::fence_status),
     row(230, 1.0, pose::estimator_status),
     row(HOME_POSITION, 0.5, pose::home_position),
     row(EXTENDED_SYS_STATE, 1.0, status::extended_sys_state),
