@@ -10,7 +10,7 @@ use bridge::gcs::Document;
 use bridge::gcs::access::LinkPolicy;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
-use bridge::io::lockstep::{Lockstep, LockstepConfig};
+use bridge::io::lockstep::{Lockstep, LockstepConfig, our_address};
 use bridge::io::net::{Links, Wanted};
 use bridge::io::record::Recorder;
 use bridge::io::truth::TruthFile;
@@ -453,7 +453,10 @@ impl SimArgs {
         lockstep
             .ground
             .set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
-        Links::open(&wanted).map_err(|e| anyhow!(e))
+        let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+        let us = our_address(lockstep.ground.settings());
+        lockstep.ground.set_shell_routes(links.routes_as(us));
+        Ok(links)
     }
 }
 

@@ -31,5 +31,6 @@ pub mod net;
 pub mod passthrough;
 pub mod realtime;
 pub mod record;
+pub mod route;
 pub mod timer;
 pub mod truth;
