@@ -289,6 +289,9 @@ impl Ground {
             up_at: now,
             sent: 0,
         });
+        if self.access.is_near(link) {
+            self.params.near_link_up(link);
+        }
         self.heartbeat.link_up(link, &context!(self), &mut self.out);
         for frame in self.text.frames(
             Severity::Info,
