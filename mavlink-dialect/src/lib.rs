@@ -56,6 +56,6 @@ mod generated {
 pub use generated::kestrel as raw;
 
 pub use address::Address;
-pub use codec::{DecodeCounters, Decoder, Encoder, Frame, FrameBytes};
+pub use codec::{DecodeCounters, Decoder, Encoder, Frame, FrameBytes, FrameView};
 pub use mavlink::MessageData;
 pub use message::Message;

@@ -173,6 +173,8 @@ pub struct Ground {
     /// Frames of others on their way from link to link.
     passing: VecDeque<(LinkId, FrameBytes)>,
     dropped_passing: u64,
+    /// The shell passes frames of components on to the stations.
+    shell_routes: bool,
     /// A message for all links and the next one it goes to.
     sending: Option<(Outgoing, usize)>,
     dropped_requests: u64,
@@ -246,6 +248,7 @@ impl Ground {
             jobs: VecDeque::new(),
             passing: VecDeque::new(),
             dropped_passing: 0,
+            shell_routes: false,
             sending: None,
             dropped_requests: 0,
             stray_bytes: 0,
@@ -269,6 +272,11 @@ impl Ground {
         let keys = policies.iter().map(|p| p.key.clone()).collect();
         self.signing.set_keys(keys);
         self.access = Access::new(policies);
+    }
+
+    /// The shell passes frames of components behind us on to the stations itself: only their way back is ours.
+    pub const fn set_shell_routes(&mut self, does: bool) {
+        self.shell_routes = does;
     }
 
     /// A picture is to be had there: a camera component says so.
@@ -295,6 +303,9 @@ impl Ground {
             up_at: now,
             sent: 0,
         });
+        if self.access.is_near(link) {
+            self.params.near_link_up(link);
+        }
         self.heartbeat.link_up(link, &context!(self), &mut self.out);
         for frame in self.text.frames(
             Severity::Info,
@@ -636,6 +647,9 @@ impl Ground {
             return;
         }
         let is_behind = self.access.is_routed(link);
+        if is_behind && self.shell_routes && self.access.role(link) == Role::Engineer {
+            return;
+        }
         let target = message.target();
         for at in 0..self.links.len() {
             let to = self.links[at].id;

@@ -209,6 +209,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     ground.set_video(super::video(args.video.as_deref())?);
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle =
         flight_thread::start(flight, fc.clone(), clock, flight_tap).map_err(|e| anyhow!(e))?;
@@ -334,6 +335,8 @@ impl GroundLoop {
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
         let mut log_watch = LogWatch::default();
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {

@@ -106,6 +106,8 @@ impl Session {
         let mut known = BTreeSet::new();
         let mut status = Pace::hz(2.0 * self.speed.unwrap_or(1.0).recip().min(5.0));
         let mut texts_shown = Timestamp::ZERO;
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
         let mut log_watch = LogWatch::default();

@@ -515,7 +515,10 @@ impl SimArgs {
         lockstep
             .ground
             .set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
-        Links::open(&wanted).map_err(|e| anyhow!(e))
+        let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+        let us = our_address(lockstep.ground.settings());
+        lockstep.ground.set_shell_routes(links.routes_as(us));
+        Ok(links)
     }
 }
 

@@ -118,6 +118,13 @@ impl Access {
         }
     }
 
+    /// True if a link is known not to leave this machine, and nothing says that it is slow.
+    #[must_use]
+    pub fn is_near(&self, link: LinkId) -> bool {
+        let policy = self.policy(link);
+        !link.is_remote() && policy.is_some_and(|p| p.rate_bytes_per_s.is_none())
+    }
+
     /// True if a camera or a companion speaks there.
     #[must_use]
     pub fn is_routed(&self, link: LinkId) -> bool {

@@ -2,7 +2,7 @@
 //!
 //! | Message | Behaviour |
 //! | --- | --- |
-//! | PARAM_REQUEST_LIST 21 | all values to the asking link, 200 a second; a repeat starts over without losing the rest |
+//! | PARAM_REQUEST_LIST 21 | all values to the asking link, 200 a second (1,000 inside this machine); a repeat starts over without losing the rest |
 //! | PARAM_REQUEST_READ 20 | one value by index or by name; an unknown one gets PARAM_ERROR |
 //! | PARAM_SET 23 | checked, kept, sent to the vehicle, echoed to everybody; a refused one gets PARAM_ERROR, the old value, and why |
 //!
@@ -85,8 +85,9 @@ vehicle::params! {
 /// File of the parameters set over MAVLink.
 pub const DOCUMENT: &str = "parameters.toml";
 
-/// Time between two values of a list, per link (200 a second).
+/// Time between two values of a list, per link (200 a second), and on a link inside this machine (1,000 a second).
 const LIST_PERIOD: Duration = Duration::from_millis(5);
+const NEAR_LIST_PERIOD: Duration = Duration::from_millis(1);
 /// Values sent at once at most when ticks come late.
 const LIST_BURST: u32 = 8;
 /// Lists under way at once at most; one more replaces the oldest.
@@ -102,6 +103,8 @@ struct Listing {
     left: usize,
     /// When the next one is due.
     due: Timestamp,
+    /// Time between two.
+    period: Duration,
 }
 
 /// The parameter service. It owns no parameter: values live in [`Settings`].
@@ -111,6 +114,8 @@ struct Listing {
 #[derive(Debug, Default)]
 pub struct ParamService {
     listings: ArrayVec<Listing, MAX_LISTINGS>,
+    /// Links inside this machine.
+    near: ArrayVec<LinkId, { super::MAX_LINKS }>,
 }
 
 impl ParamService {
@@ -172,11 +177,11 @@ impl ParamService {
                 }
                 listing.next = (listing.next + 1) % count.max(1);
                 listing.left -= 1;
-                listing.due += LIST_PERIOD;
+                listing.due += listing.period;
                 burst += 1;
             }
             if listing.due <= now {
-                listing.due = now + LIST_PERIOD;
+                listing.due = now + listing.period;
             }
         }
         self.listings.retain(|l| l.left > 0);
@@ -191,6 +196,12 @@ impl ParamService {
     /// Forgets a link.
     pub fn link_down(&mut self, link: LinkId) {
         self.listings.retain(|l| l.link != link);
+        self.near.retain(|l| *l != link);
+    }
+
+    /// A link came up that does not leave this machine: lists go faster there.
+    pub fn near_link_up(&mut self, link: LinkId) {
+        let _ = self.near.try_push(link);
     }
 
     /// Takes a checked parameter on its way to the vehicle: writes it, tells everybody, keeps the document.
@@ -230,6 +241,11 @@ impl ParamService {
             next: 0,
             left: count,
             due: now,
+            period: if self.near.contains(&link) {
+                NEAR_LIST_PERIOD
+            } else {
+                LIST_PERIOD
+            },
         });
     }
 }

@@ -31,5 +31,6 @@ pub mod logger;
 pub mod net;
 pub mod passthrough;
 pub mod realtime;
+pub mod route;
 pub mod timer;
 pub mod truth;

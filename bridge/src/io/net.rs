@@ -4,9 +4,10 @@
 //! after [`PEER_SILENT`] without one the link is gone. The thread ends when the [`Links`] handle is dropped.
 
 use super::endpoint::Endpoint;
+use super::route::{Passing, Routes};
 use crate::gcs::LinkId;
 use crate::gcs::access::LinkPolicy;
-use mavlink_dialect::FrameBytes;
+use mavlink_dialect::{Address, FrameBytes};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -23,6 +24,8 @@ use tokio_serial::SerialPortBuilderExt as _;
 
 /// A UDP peer silent for this long is forgotten.
 pub const PEER_SILENT: Duration = Duration::from_secs(20);
+/// A peer silent for this long goes when all places are taken and somebody new speaks.
+pub const MAKES_ROOM: Duration = Duration::from_secs(3);
 /// Peers of one UDP socket at most: a flood of invented addresses costs them, not us.
 const MAX_PEERS: usize = 16;
 /// Messages that wait for the core at most; more are dropped and counted.
@@ -81,6 +84,7 @@ pub struct Links {
     outgoing: mpsc::Sender<(LinkId, FrameBytes)>,
     dropped: Arc<AtomicU64>,
     joint: Joint,
+    routes: Routes,
     /// What was opened, for people.
     pub described: Vec<String>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -123,7 +127,9 @@ impl Links {
         let (to_core, events) = std_mpsc::sync_channel(TO_CORE);
         let (outgoing, mut from_core) = mpsc::channel::<(LinkId, FrameBytes)>(4 * TO_LINK);
         let dropped = Arc::new(AtomicU64::new(0));
+        let routes = Routes::new(wanted.iter().map(|w| w.policy.clone()).collect());
         let hub = Hub {
+            routes: routes.clone(),
             to_core,
             dropped: Arc::clone(&dropped),
             next_link: Arc::new(AtomicU32::new(1)),
@@ -157,8 +163,16 @@ impl Links {
                     loop {
                         tokio::select! {
                             new = registered.recv() => match new {
-                                Some((id, Some(sender))) => { senders.insert(id, sender); hub.tell(LinkEvent::Up(id)); }
-                                Some((id, None)) => { senders.remove(&id); hub.tell(LinkEvent::Down(id)); }
+                                Some((id, Some(sender))) => {
+                                    hub.routes.set(id, Some(sender.clone()));
+                                    senders.insert(id, sender);
+                                    hub.tell(LinkEvent::Up(id));
+                                }
+                                Some((id, None)) => {
+                                    hub.routes.set(id, None);
+                                    senders.remove(&id);
+                                    hub.tell(LinkEvent::Down(id));
+                                }
                                 None => break,
                             },
                             out = from_core.recv() => match out {
@@ -183,9 +197,17 @@ impl Links {
             outgoing,
             dropped,
             joint,
+            routes,
             described,
             thread: Some(thread),
         })
+    }
+
+    /// Tells our own address; true if frames of components behind us are passed on here and not by the core.
+    #[must_use]
+    pub fn routes_as(&self, us: Address) -> bool {
+        self.routes.set_us(us);
+        self.routes.is_plain()
     }
 
     /// The next thing that happened, without waiting.
@@ -410,6 +432,7 @@ fn next_free<S>(
 /// What every link task knows.
 #[derive(Clone, Debug)]
 struct Hub {
+    routes: Routes,
     to_core: std_mpsc::SyncSender<LinkEvent>,
     dropped: Arc<AtomicU64>,
     next_link: Arc<AtomicU32>,
@@ -417,6 +440,8 @@ struct Hub {
     endpoint: u8,
 }
 
+/// What passes frames on, and when the core was last told.
+type Passed = Option<(Passing, Instant)>;
 type Register = mpsc::Sender<(LinkId, Option<mpsc::Sender<FrameBytes>>)>;
 
 impl Hub {
@@ -431,6 +456,31 @@ impl Hub {
         } else {
             link
         }
+    }
+
+    /// Bytes of a link: passed on if it routes, and told to the core.
+    fn bytes(&self, link: LinkId, passing: &mut Passed, bytes: &[u8], is_datagram: bool) {
+        if let Some((passing, asked)) = passing {
+            let lost = passing.take(bytes);
+            self.dropped.fetch_add(lost, Ordering::Relaxed);
+            let now = Instant::now();
+            let since = now.duration_since(*asked).as_secs_f64();
+            *asked = now;
+            // Of a stream nothing may be left out: a frame continues in the next piece.
+            if !passing.for_core(since) && is_datagram {
+                return;
+            }
+        }
+        self.tell(LinkEvent::Bytes {
+            link,
+            bytes: bytes.to_vec(),
+            is_datagram,
+        });
+    }
+
+    /// What passes frames of a link on, if it routes.
+    fn passing(&self, link: LinkId) -> Passed {
+        self.routes.of(link).map(|p| (p, Instant::now()))
     }
 
     /// Never waits: a core that is behind loses datagrams, as a network does.
@@ -549,7 +599,7 @@ async fn udp_broadcast(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, registe
 }
 
 async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register, present: &AtomicU64) {
-    let mut peers: BTreeMap<SocketAddr, (LinkId, Instant)> = BTreeMap::new();
+    let mut peers: BTreeMap<SocketAddr, (LinkId, Instant, Passed)> = BTreeMap::new();
     let mut buffer = vec![0u8; 65_536];
     let mut sweep = tokio::time::interval(Duration::from_secs(1));
     loop {
@@ -559,29 +609,37 @@ async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register, presen
                 let now = Instant::now();
                 if !peers.contains_key(&from) {
                     if peers.len() >= MAX_PEERS {
-                        hub.dropped.fetch_add(1, Ordering::Relaxed);
-                        continue;
+                        // A station beats every second: who has not spoken for three makes room for who does.
+                        let quiet = peers.iter().max_by_key(|(_, (_, at, _))| at.elapsed());
+                        let quiet = quiet.filter(|(_, (_, at, _))| at.elapsed() > MAKES_ROOM).map(|(a, _)| *a);
+                        let Some((link, ..)) = quiet.and_then(|a| peers.remove(&a)) else {
+                            hub.dropped.fetch_add(1, Ordering::Relaxed);
+                            continue;
+                        };
+                        if register.send((link, None)).await.is_err() {
+                            return;
+                        }
                     }
                     let link = hub.link(Some(from));
                     if register.send((link, Some(udp_sender(Arc::clone(&socket), from)))).await.is_err() {
                         return;
                     }
-                    peers.insert(from, (link, now));
+                    peers.insert(from, (link, now, hub.passing(link)));
                     present.store(peers.len() as u64, Ordering::Relaxed);
                     // The table announces the link before its first bytes are passed on.
                     tokio::task::yield_now().await;
                 }
-                if let Some((link, heard)) = peers.get_mut(&from) {
+                if let Some((link, heard, passing)) = peers.get_mut(&from) {
                     *heard = now;
-                    hub.tell(LinkEvent::Bytes { link: *link, bytes: buffer[..n].to_vec(), is_datagram: true });
+                    hub.bytes(*link, passing, &buffer[..n], true);
                 }
             }
             _ = sweep.tick() => {
                 let silent: Vec<SocketAddr> =
-                    peers.iter().filter(|(_, (_, at))| at.elapsed() > PEER_SILENT).map(|(a, _)| *a).collect();
+                    peers.iter().filter(|(_, (_, at, _))| at.elapsed() > PEER_SILENT).map(|(a, _)| *a).collect();
                 for address in silent {
                     present.store(peers.len() as u64 - 1, Ordering::Relaxed);
-                    if let Some((link, _)) = peers.remove(&address)
+                    if let Some((link, ..)) = peers.remove(&address)
                         && register.send((link, None)).await.is_err() {
                         return;
                     }
@@ -600,14 +658,11 @@ async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: 
     {
         return;
     }
+    let mut passing = hub.passing(link);
     let mut buffer = vec![0u8; 65_536];
     loop {
         match socket.recv_from(&mut buffer).await {
-            Ok((n, _)) => hub.tell(LinkEvent::Bytes {
-                link,
-                bytes: buffer[..n].to_vec(),
-                is_datagram: true,
-            }),
+            Ok((n, _)) => hub.bytes(link, &mut passing, &buffer[..n], true),
             // A refused datagram comes back as an error of the next receive.
             Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
         }
@@ -634,16 +689,13 @@ async fn stream_link<S: AsyncRead + AsyncWrite + Send + 'static>(
             }
         }
     });
+    let mut passing = hub.passing(link);
     let mut buffer = vec![0u8; 4096];
     while let Ok(n) = read.read(&mut buffer).await {
         if n == 0 {
             break;
         }
-        hub.tell(LinkEvent::Bytes {
-            link,
-            bytes: buffer[..n].to_vec(),
-            is_datagram: false,
-        });
+        hub.bytes(link, &mut passing, &buffer[..n], false);
     }
     writer.abort();
     let _ = register.send((link, None)).await;
