@@ -27,6 +27,7 @@ const TABLE = {
     role: 'Role', add_user: 'Add user', viewer_role: 'viewer', new_password: 'New password (10 characters or more)', name: 'Name', sure_remove: 'Remove {who}?',
     light: 'Light', dark: 'Dark', language: 'Language', freeze: 'Freeze', c_height: 'Height, m', c_speed: 'Speed, m/s', c_tilt: 'Tilt, °', c_battery: 'Battery, V', c_sigma: 'Position 1σ, m', c_link: 'Latency, ms', c_roll: 'roll', c_pitch: 'pitch', c_x: 'x', c_y: 'y', c_z: 'up',
     v_1: 'A message was broken', v_2: 'A message came out of order', v_3: 'Too late: not carried out', v_4: 'Another has control', v_5: 'Your role may not do that', v_6: 'Wrong station number',
+    live: 'Live', replay: 'Replay', play: 'Play', save_recording: 'Save this recording', open_recording: 'Open a recording', not_a_recording: 'This is not a recording of this console', replay_click: 'This is a replay: go back to live to fly',
     keys: 'Esc stops · T takes off · L lands · 0 whole plan', failed: '{what}: {why}', ago: '{n} s ago', percent: '{n} %',
   },
   es: {
@@ -55,6 +56,7 @@ const TABLE = {
     role: 'Rol', add_user: 'Añadir usuario', viewer_role: 'observador', new_password: 'Contraseña nueva (10 caracteres o más)', name: 'Nombre', sure_remove: '¿Quitar a {who}?',
     light: 'Claro', dark: 'Oscuro', language: 'Idioma', freeze: 'Congelar', c_height: 'Altura, m', c_speed: 'Velocidad, m/s', c_tilt: 'Inclinación, °', c_battery: 'Batería, V', c_sigma: 'Posición 1σ, m', c_link: 'Retardo, ms', c_roll: 'alabeo', c_pitch: 'cabeceo', c_x: 'x', c_y: 'y', c_z: 'arriba',
     v_1: 'Un mensaje estaba roto', v_2: 'Un mensaje llegó desordenado', v_3: 'Demasiado tarde: no se hizo', v_4: 'Otro tiene el control', v_5: 'Su rol no lo permite', v_6: 'Número de estación equivocado',
+    live: 'En vivo', replay: 'Repetición', play: 'Reproducir', save_recording: 'Guardar esta grabación', open_recording: 'Abrir una grabación', not_a_recording: 'Esto no es una grabación de esta consola', replay_click: 'Esto es una repetición: vuelva a en vivo para volar',
     keys: 'Esc para · T despega · L aterriza · 0 todo el plano', failed: '{what}: {why}', ago: 'hace {n} s', percent: '{n} %',
   },
 };

@@ -311,6 +311,40 @@ const TESTS = {
     } finally { await program.stop(); }
   },
 
+  async 'what was seen is looked at again, saved and opened'() {
+    const program = await Program.start(['--seed', '9']);
+    try {
+      const page = await open(program.link);
+      await waitFor(page, () => window.kestrel?.vehicle?.state && kestrel.plan, 10);
+      await armAndTakeOff(page);
+      await page.evaluate(() => kestrel.time.seek(kestrel.time.recording().to - 3));
+      const then = await page.evaluate(() => [kestrel.replay.state.at, kestrel.vehicle.state.at, kestrel.replay.state.z, kestrel.vehicle.state.z]);
+      check(then[1] - then[0] > 2.5 && then[2] < then[3], then.join());
+      // A click on the past flies nowhere, and STOP is still there.
+      const room = await page.evaluate(() => kestrel.plan.rooms.at(-1));
+      await clickOnPlan(page, room.x, room.y);
+      await page.waitForSelector('.toast:has-text("replay")', seconds(3));
+      check(!(await page.evaluate(() => kestrel.vehicle.goal && Math.hypot(kestrel.vehicle.goal[0] - kestrel.vehicle.state.x, kestrel.vehicle.goal[1] - kestrel.vehicle.state.y) > 1)), 'it flies');
+      await page.screenshot({ path: path.join(pictures, 'console-replay.png') });
+      const [download] = await Promise.all([page.waitForEvent('download', seconds(5)), page.click('[aria-label="Save this recording"]')]);
+      const file = path.join(mkdtempSync(path.join(tmpdir(), 'kestrel-recording-')), download.suggestedFilename());
+      await download.saveAs(file);
+      await page.context().close();
+      const other = await open(program.link);
+      await waitFor(other, () => window.kestrel?.vehicle?.state && kestrel.plan, 10);
+      await other.setInputFiles('input[type=file]', file);
+      await waitFor(other, () => kestrel.replay?.state, 5);
+      await other.evaluate(() => kestrel.time.seek(Infinity));
+      const last = await other.evaluate(() => [kestrel.replay.state.z, kestrel.replay.state.armed, kestrel.view.path.length]);
+      check(last[0] > 0.5 && last[1] === 1, last.join());
+      // Something else than a recording is told apart.
+      await other.setInputFiles('input[type=file]', { name: 'x.krec', mimeType: 'application/octet-stream', buffer: Buffer.from('not one') });
+      await other.waitForSelector('.toast.bad', seconds(3));
+      rmSync(path.dirname(file), { recursive: true, force: true });
+      await other.context().close();
+    } finally { await program.stop(); }
+  },
+
   async 'three sizes, light and dark: pictures'() {
     const program = await Program.start(['--person', '8,4.2,3,4.4,0.6,6']);
     try {

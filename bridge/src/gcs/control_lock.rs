@@ -11,7 +11,7 @@
 //! | an owner who does not | FAILED; he is asked (the command is forwarded to him) for [`ASK`]; giving up or allowing grants it to who asked |
 //! | the owner's heartbeat is silent for [`SILENT`], or his link is gone | nobody in control, sticks centred |
 //! | [`Intent::Stop`] from anybody | carried out, the lock stays |
-//! | [`Intent::Fly`] from anybody else | MAV_RESULT_NOT_IN_CONTROL; sticks and set points are dropped |
+//! | [`Intent::Fly`] from anybody else | MAV_RESULT_NOT_IN_CONTROL, for plans MAV_MISSION_DENIED; sticks and set points are dropped |
 //!
 //! An owner is a system id *on a link*: the same number from somewhere else is somebody else.
 
@@ -28,6 +28,8 @@ use vehicle::{Pace, Timestamp};
 pub const SILENT: Duration = Duration::from_secs(3);
 /// Time that an owner has to answer who wants control.
 pub const ASK: Duration = Duration::from_secs(10);
+/// MAV_MISSION_DENIED.
+const MISSION_DENIED: u8 = 14;
 /// Time between two texts about refused frames.
 const TEXT_PERIOD: Duration = Duration::from_secs(5);
 
@@ -138,6 +140,19 @@ impl ControlLock {
         };
         if let Some(command) = command {
             acknowledge(from, command, result::NOT_IN_CONTROL, out);
+        }
+        if let Some(kind) = mission_kind(message) {
+            let ack = raw::MISSION_ACK_DATA {
+                target_system: from.address.system,
+                target_component: from.address.component,
+                mavtype: MISSION_DENIED,
+                mission_type: kind,
+                ..Default::default()
+            };
+            out.send_raw(
+                Destination::Link(from.link),
+                raw::MavMessage::MISSION_ACK(ack),
+            );
         }
         if self.told_at.is_none_or(|at| now.since(at) >= TEXT_PERIOD) {
             self.told_at = Some(now);
@@ -288,6 +303,17 @@ impl ControlLock {
             gcs_main: self.owner.map_or(0, |o| o.peer.address.system),
             gcs_secondary: [0; 10],
         })
+    }
+}
+
+/// Which plan a message would change.
+const fn mission_kind(message: &Message) -> Option<u8> {
+    use raw::MavMessage as M;
+    match message {
+        Message::Raw(M::MISSION_COUNT(m)) => Some(m.mission_type),
+        Message::Raw(M::MISSION_CLEAR_ALL(m)) => Some(m.mission_type),
+        Message::Raw(M::MISSION_ITEM_INT(m)) => Some(m.mission_type),
+        _ => None,
     }
 }
 

@@ -74,6 +74,24 @@ fn the_first_who_asks_has_control_and_others_are_told_so() {
 }
 
 #[test]
+fn a_plan_of_somebody_else_is_denied_and_reading_it_is_not() {
+    let (mut lock, mut out) = (ControlLock::new(), Outbox::default());
+    lock.admits(Timestamp::ZERO, station(200), &ask(1.0, 0.0), &mut out);
+    let count = Message::Raw(raw::MavMessage::MISSION_COUNT(raw::MISSION_COUNT_DATA {
+        count: 3,
+        mission_type: 1,
+        ..Default::default()
+    }));
+    assert!(!lock.admits(Timestamp::ZERO, station(255), &count, &mut out));
+    let denied = out.messages.iter().any(|o| {
+        matches!(&o.message, Message::Raw(raw::MavMessage::MISSION_ACK(a)) if (a.mavtype, a.mission_type) == (14, 1))
+    });
+    assert!(denied);
+    let list = raw::MavMessage::MISSION_REQUEST_LIST(raw::MISSION_REQUEST_LIST_DATA::default());
+    assert!(lock.admits(Timestamp::ZERO, station(255), &Message::Raw(list), &mut out));
+}
+
+#[test]
 fn stop_land_and_looking_work_for_everybody() {
     let (mut lock, mut out) = (ControlLock::new(), Outbox::default());
     lock.admits(Timestamp::ZERO, station(200), &ask(1.0, 0.0), &mut out);
