@@ -123,6 +123,7 @@ function build(app) {
     app.modes = e.detail.modes;
     app.reasons = e.detail.reasons;
     toggle(veil, 'hidden', true);
+    app.onOpened?.();
     fence(app);
   });
   link.addEventListener('closed', (e) => {
