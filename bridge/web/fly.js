@@ -5,6 +5,7 @@ import { sticksCard } from './sticks.js';
 import { t } from './words.js';
 
 const MANUAL = ['Position', 'Altitude', 'Stabilized'];
+const AUTOMATIC = [['VFH_ENABLE', 'avoid'], ['AVOID_EVADE', 'evade'], ['LOC_SEARCH', 'search_place']];
 
 /** Runs a command and tells how it ended if it did not work. */
 export function ask(app, what, promise) {
@@ -46,13 +47,20 @@ export function flyPane(app) {
   };
   const modes = h('div.segments', { role: 'group', 'aria-label': t('manual') }, MANUAL.map((m) => h('button', { 'data-mode': m, title: t(`d_${m}`), onclick: () => ask(app, t(`m_${m}`), station.setMode(m)) }, t(`m_${m}`))));
 
+  // Automatic mechanisms that are parameters: whoever may set those switches them, the others see them.
+  const switches = h('div.switches', AUTOMATIC.map(([param, key]) => h('button.switch', {
+    'data-param': param, title: t(`${key}_why`), disabled: true,
+    onclick: () => station.setParam(param, station.params.get(param).value ? 0 : 1),
+  }, h('i'), t(key))));
+  app.onOpened = () => station.read(AUTOMATIC.map(([param]) => param));
+
   const facts = {};
   const fact = (key) => { facts[key] = [h('dt', t(key)), h('dd')]; return facts[key]; };
   const health = h('dl.facts', ['localization', 'rangers', 'fc', 'loop', 'link', 'battery'].map(fact));
 
   const pane = h('div.pane', { role: 'tabpanel' },
     h('section.card', h('div.row', owner, control), asking),
-    h('section.card.stack', h('div', slide.el, disarm), h('div.grid3', Object.values(actions)), modes),
+    h('section.card.stack', h('div', slide.el, disarm), h('div.grid3', Object.values(actions)), modes, switches),
     h('section.card.full.hidden', { 'data-card': 'sticks' }),
     h('section.card', h('h2', icon('eye', 15), t('health')), health),
     h('section.card', h('h2', icon('camera', 15), t('video')), h('div.camera', h('b', t('no_video')), h('small', t('no_video_why')))));
@@ -99,6 +107,11 @@ export function flyPane(app) {
     for (const [key, button] of Object.entries(actions)) button.setAttribute('aria-pressed', key === 'sticks' ? !!app.sticks?.live : armed && key === pressed);
     for (const b of modes.children) { b.disabled = !isMine; b.setAttribute('aria-pressed', b.dataset.mode === mode); }
 
+    for (const b of switches.children) {
+      const known = station.params.get(b.dataset.param);
+      b.disabled = !known || !app.isAtLeast('engineer');
+      b.setAttribute('aria-pressed', !!known?.value);
+    }
     if (!s) return;
     const loc = s.loc_state;
     set('localization', loc === 2 ? 'good' : loc === 1 ? 'warn' : 'bad', `${t(`loc_${loc}`)} · ${t('fit', { n: num(s.loc_fit * 100, 0) })} · ${num(s.particles, 0)}`);

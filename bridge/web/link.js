@@ -99,6 +99,9 @@ export class Link extends EventTarget {
         const took = performance.now() - ack.sent;
         this.latency = Number.isFinite(this.latency) ? this.latency + 0.2 * (took - this.latency) : took;
       } else this.dispatchEvent(new CustomEvent('refused', { detail: ack.verdict }));
-    } else if (topic === 1) this.dispatchEvent(new Event('state'));
+    } else {
+      this.dispatchEvent(new CustomEvent('raw', { detail: data }));
+      if (topic === 1) this.dispatchEvent(new Event('state'));
+    }
   }
 }

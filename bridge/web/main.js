@@ -6,6 +6,7 @@ import { hud } from './hud.js';
 import { Link } from './link.js';
 import { get, post, session } from './login.js';
 import { PlanView } from './plan.js';
+import { timeBar } from './recorder.js';
 import { Station } from './station.js';
 import { current, languages, speak, t } from './words.js';
 
@@ -74,7 +75,8 @@ function build(app) {
   const instruments = hud();
   const toasts = h('div.toasts', { 'aria-live': 'polite' });
   const veil = h('div.veil', h('div', h('span.spinner'), h('span', t('connecting'))));
-  const map = h('main.map', canvas, mapbar, chips, instruments.el, toasts, veil);
+  const bar = (app.time = timeBar(app));
+  const map = h('main.map', canvas, mapbar, chips, instruments.el, bar.el, toasts, veil);
 
   app.tell = (level, text) => {
     const last = toasts.lastChild;
@@ -107,6 +109,7 @@ function build(app) {
     if (before !== app.pane) before?.hide?.();
     app.pane.show?.();
     holder.replaceChildren(app.pane.el);
+    holder.scrollTop = 0;
     app.pane.update?.();
   }
   app.select = (name) => buttons.find((b) => b.dataset.tab === name)?.click();
@@ -120,6 +123,7 @@ function build(app) {
     app.modes = e.detail.modes;
     app.reasons = e.detail.reasons;
     toggle(veil, 'hidden', true);
+    app.onOpened?.();
     fence(app);
   });
   link.addEventListener('closed', (e) => {
@@ -128,14 +132,15 @@ function build(app) {
     toggle(veil, 'hidden', false);
     put(veil.querySelector('div span + span'), e.detail.wasOpen ? t('lost') : t('connecting'));
   });
-  link.addEventListener('state', () => view.observe(vehicle.state));
+  link.addEventListener('state', () => { if (!app.replay) view.observe(vehicle.state); });
   link.addEventListener('refused', (e) => app.tell('warn', t(`v_${e.detail}`)));
   station.addEventListener('text', (e) => {
     const { severity, text } = e.detail;
     if (/fence/i.test(text)) fence(app);
     app.texts.push({ at: new Date(), severity, text });
     if (app.texts.length > 500) app.texts.shift();
-    app.tell(severity <= 3 ? 'bad' : severity === 4 ? 'warn' : severity === 5 ? 'info' : 'good', text);
+    // A greeting is no news.
+    if (!text.startsWith('Kestrel ')) app.tell(severity <= 3 ? 'bad' : severity === 4 ? 'warn' : severity === 5 ? 'info' : 'good', text);
   });
   station.addEventListener('reached', (e) => { const w = view.waypoints.find((p) => p.seq === e.detail); if (w) w.done = true; });
 
@@ -144,6 +149,7 @@ function build(app) {
     const { x, y, free } = e.detail;
     const s = vehicle.state;
     const why = !free ? 'goto_wall' : !vehicle.control?.owner?.you ? 'need_control' : !s?.armed || s.landed === 0 ? 'need_flight' : null;
+    if (app.replay) return app.tell('warn', t('replay_click'));
     view.pulse(x, y, !!why);
     if (why) return app.tell('warn', t(why));
     ask(app, t('goto'), station.goTo(...view.toNed(x, y))).then((r) => { if (!r.ok) view.pulse(x, y, true); });
@@ -168,7 +174,7 @@ function build(app) {
   setInterval(() => {
     const s = vehicle.state;
     const quiet = performance.now() - link.heard > 2000;
-    const [level, text, more] = describe(app, s, quiet);
+    const [level, text, more] = app.replay ? ['replay', t('replay'), app.replay.state ? t(`m_${app.modes[app.replay.state.mode]}`) : ''] : describe(app, s, quiet);
     status.dataset.level = level;
     put(status.children[1], text);
     put(status.children[2], more);
@@ -181,10 +187,12 @@ function build(app) {
     put(stopText, performance.now() - stoppedAt < 3000 ? t('stop_again') : t('stop'));
     theme.replaceChildren(icon(document.documentElement.dataset.theme === 'dark' ? 'sun' : 'moon'));
     follow.setAttribute('aria-pressed', view.follow);
-    view.clickable = vehicle.control?.owner?.you && s?.armed && s.landed !== 0 && !view.editing;
+    view.clickable = vehicle.control?.owner?.you && s?.armed && s.landed !== 0 && !view.editing && !app.replay;
     toggle(canvas, 'click', !!view.clickable);
     view.current = s?.mission === 2 ? s.item : undefined;
-    if (s && app.plan) instruments.update(s, app.plan.north);
+    const seen = app.replay?.state ?? s;
+    if (seen && app.plan) instruments.update(seen, view.plan.north);
+    bar.tick(performance.now());
     app.pane?.update?.();
   }, 100);
   const frame = (now) => { if (!canvas.isConnected) return; view.draw(now); app.pane?.draw?.(now); requestAnimationFrame(frame); };

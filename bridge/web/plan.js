@@ -59,7 +59,7 @@ export class PlanView extends EventTarget {
 
   /** Room kept for what floats over the plan: left, right, top, bottom. */
   insets() {
-    return this.width > 620 ? [142, 16, 62, 34] : [10, 10, 10, 30];
+    return this.width > 620 ? [142, 16, 62, 56] : [10, 10, 10, 56];
   }
 
   zoom(factor, at = [this.width / 2, this.height / 2]) {
@@ -699,9 +699,9 @@ export class PlanView extends EventTarget {
 
   #scale() {
     const { ctx } = this;
-    const metres = [0.5, 1, 2, 5, 10, 20].find((m) => m * this.view.scale > 70) ?? 50;
+    const metres = [0.5, 1, 2, 5, 10, 20].find((m) => m * this.view.scale > 55) ?? 50;
     const w = metres * this.view.scale;
-    const [x, y] = [this.width - 20 - w, this.height - 18];
+    const [x, y] = [this.width - 20 - w, this.height - 20];
     ctx.strokeStyle = ctx.fillStyle = this.colour.inkSoft;
     ctx.lineWidth = 1.5;
     ctx.beginPath();

@@ -27,6 +27,8 @@ const TABLE = {
     role: 'Role', add_user: 'Add user', viewer_role: 'viewer', new_password: 'New password (10 characters or more)', name: 'Name', sure_remove: 'Remove {who}?',
     light: 'Light', dark: 'Dark', language: 'Language', freeze: 'Freeze', c_height: 'Height, m', c_speed: 'Speed, m/s', c_tilt: 'Tilt, °', c_battery: 'Battery, V', c_sigma: 'Position 1σ, m', c_link: 'Latency, ms', c_roll: 'roll', c_pitch: 'pitch', c_x: 'x', c_y: 'y', c_z: 'up',
     v_1: 'A message was broken', v_2: 'A message came out of order', v_3: 'Too late: not carried out', v_4: 'Another has control', v_5: 'Your role may not do that', v_6: 'Wrong station number',
+    avoid: 'Avoid', avoid_why: 'Fly round obstacles (VFH_ENABLE)', evade: 'Give way', evade_why: 'Step aside for people (AVOID_EVADE)', search_place: 'Find place', search_place_why: 'Take off and look round when the place is not known (LOC_SEARCH)',
+    live: 'Live', replay: 'Replay', play: 'Play', save_recording: 'Save this recording', open_recording: 'Open a recording', not_a_recording: 'This is not a recording of this console', replay_click: 'This is a replay: go back to live to fly',
     keys: 'Esc stops · T takes off · L lands · 0 whole plan', failed: '{what}: {why}', ago: '{n} s ago', percent: '{n} %',
   },
   es: {
@@ -43,7 +45,7 @@ const TABLE = {
     m_Hold: 'Mantener', m_Mission: 'Misión', m_Return: 'Volver', m_Land: 'Aterrizar', m_Takeoff: 'Despegue', m_Offboard: 'Externo', m_Position: 'Posición', m_Altitude: 'Altura', m_Stabilized: 'Estabilizado',
     d_Position: 'Los mandos son velocidades; evita paredes y personas', d_Altitude: 'Los mandos inclinan; mantiene la altura', d_Stabilized: 'Los mandos inclinan; el empuje es suyo',
     blocked: 'No está listo: {why}', battery: 'Batería', link: 'Enlace', latency: 'Retardo', position: 'Posición', height: 'Altura', speed: 'Velocidad', heading: 'Rumbo',
-    loc_0: 'apagada', loc_1: 'buscando', loc_2: 'segura', loc_3: 'perdida', localization: 'Lugar', fc: 'Controlador de vuelo', rangers: 'Sensores de distancia', loop: 'Bucle de vuelo', fit: 'ajuste {n} %', missed: '{n} ciclos perdidos', ok: 'bien', silent: 'en silencio', speaking: 'activos',
+    loc_0: 'apagada', loc_1: 'buscando', loc_2: 'segura', loc_3: 'perdida', localization: 'Lugar', fc: 'Controlador', rangers: 'Sensores', loop: 'Bucle', fit: 'ajuste {n} %', missed: '{n} perdidos', ok: 'bien', silent: 'en silencio', speaking: 'activos',
     video: 'Cámara', no_video: 'Aún no hay vídeo', no_video_why: 'Esta versión no tiene cámara. El plano muestra lo que el dron ve con sus sensores de distancia.',
     goto: 'Volar aquí', goto_wall: 'Ahí no hay suelo libre', need_control: 'Tome primero el control', need_flight: 'Despegue primero', layers: 'Capas', fit_view: 'Todo el plano', follow: 'Seguir', zoom_in: 'Acercar', zoom_out: 'Alejar',
     l_cones: 'Sensores', l_particles: 'Partículas', l_histogram: 'Direcciones', l_path: 'Camino volado', l_names: 'Salas', l_fence: 'Valla',
@@ -55,6 +57,8 @@ const TABLE = {
     role: 'Rol', add_user: 'Añadir usuario', viewer_role: 'observador', new_password: 'Contraseña nueva (10 caracteres o más)', name: 'Nombre', sure_remove: '¿Quitar a {who}?',
     light: 'Claro', dark: 'Oscuro', language: 'Idioma', freeze: 'Congelar', c_height: 'Altura, m', c_speed: 'Velocidad, m/s', c_tilt: 'Inclinación, °', c_battery: 'Batería, V', c_sigma: 'Posición 1σ, m', c_link: 'Retardo, ms', c_roll: 'alabeo', c_pitch: 'cabeceo', c_x: 'x', c_y: 'y', c_z: 'arriba',
     v_1: 'Un mensaje estaba roto', v_2: 'Un mensaje llegó desordenado', v_3: 'Demasiado tarde: no se hizo', v_4: 'Otro tiene el control', v_5: 'Su rol no lo permite', v_6: 'Número de estación equivocado',
+    avoid: 'Esquivar', avoid_why: 'Rodear obstáculos (VFH_ENABLE)', evade: 'Ceder paso', evade_why: 'Apartarse de las personas (AVOID_EVADE)', search_place: 'Buscar', search_place_why: 'Despegar y mirar alrededor si el lugar no se conoce (LOC_SEARCH)',
+    live: 'En vivo', replay: 'Repetición', play: 'Reproducir', save_recording: 'Guardar esta grabación', open_recording: 'Abrir una grabación', not_a_recording: 'Esto no es una grabación de esta consola', replay_click: 'Esto es una repetición: vuelva a en vivo para volar',
     keys: 'Esc para · T despega · L aterriza · 0 todo el plano', failed: '{what}: {why}', ago: 'hace {n} s', percent: '{n} %',
   },
 };

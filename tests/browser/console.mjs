@@ -303,11 +303,69 @@ const TESTS = {
       await input.blur();
       await page.waitForSelector('.toast.warn:has-text("MIS_TAKEOFF_ALT")', seconds(4));
       await page.screenshot({ path: path.join(pictures, 'console-parameters.png') });
+      // An automatic mechanism has its switch.
+      await page.click('[data-tab=fly]');
+      await waitFor(page, () => document.querySelector('[data-param=VFH_ENABLE]').getAttribute('aria-pressed') === 'true', 5);
+      await page.click('[data-param=VFH_ENABLE]');
+      await waitFor(page, () => kestrel.station.params.get('VFH_ENABLE').value === 0 && document.querySelector('[data-param=VFH_ENABLE]').getAttribute('aria-pressed') === 'false', 5);
+      await page.click('[data-param=VFH_ENABLE]');
+      await waitFor(page, () => kestrel.station.params.get('VFH_ENABLE').value === 1, 5);
+      // Spanish fits too.
+      await page.evaluate(() => localStorage.setItem('language', 'es'));
+      await page.reload();
+      await waitFor(page, () => window.kestrel?.vehicle?.state && kestrel.plan, 10);
+      await page.waitForSelector('text=Tomar el control', seconds(3));
+      const wide = await page.evaluate(() => [...document.querySelectorAll('.rail *')].filter((e) => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflow === 'visible' && e.clientWidth).map((e) => e.textContent.slice(0, 40)));
+      check(wide.length === 0, `too wide: ${wide.join(' | ')}`);
+      await page.screenshot({ path: path.join(pictures, 'console-spanish.png') });
       const secure = await open(program.url.replace('http:', 'https:'));
       await secure.waitForSelector('input[name=username]', seconds(5));
       check(await secure.evaluate(() => isSecureContext), 'secure');
       await page.context().close();
       await secure.context().close();
+    } finally { await program.stop(); }
+  },
+
+  async 'what was seen is looked at again, saved and opened'() {
+    const program = await Program.start(['--seed', '9']);
+    try {
+      const page = await open(program.link);
+      await waitFor(page, () => window.kestrel?.vehicle?.state && kestrel.plan, 10);
+      // By keys alone.
+      await page.locator('text=Take control').focus();
+      await page.keyboard.press('Enter');
+      await waitFor(page, () => document.querySelector('.slide').getAttribute('aria-disabled') === 'false', 20);
+      await page.locator('.slide').focus();
+      for (let i = 0; i < 3; i++) await page.keyboard.press('ArrowRight');
+      await waitFor(page, () => kestrel.vehicle.state.armed);
+      await waitFor(page, () => !document.querySelector('[data-action=takeoff]').disabled, 5);
+      await page.keyboard.press('t');
+      await waitFor(page, () => kestrel.vehicle.state.landed === 1 && kestrel.vehicle.state.z > 0.8, 20);
+      await page.evaluate(() => kestrel.time.seek(kestrel.time.recording().to - 3));
+      const then = await page.evaluate(() => [kestrel.replay.state.at, kestrel.vehicle.state.at, kestrel.replay.state.z, kestrel.vehicle.state.z]);
+      check(then[1] - then[0] > 2.5 && then[2] < then[3], then.join());
+      // A click on the past flies nowhere, and STOP is still there.
+      const room = await page.evaluate(() => kestrel.plan.rooms.at(-1));
+      await clickOnPlan(page, room.x, room.y);
+      await page.waitForSelector('.toast:has-text("replay")', seconds(3));
+      check(!(await page.evaluate(() => kestrel.vehicle.goal && Math.hypot(kestrel.vehicle.goal[0] - kestrel.vehicle.state.x, kestrel.vehicle.goal[1] - kestrel.vehicle.state.y) > 1)), 'it flies');
+      await page.screenshot({ path: path.join(pictures, 'console-replay.png') });
+      const [download] = await Promise.all([page.waitForEvent('download', seconds(5)), page.click('[aria-label="Save this recording"]')]);
+      const file = path.join(mkdtempSync(path.join(tmpdir(), 'kestrel-recording-')), download.suggestedFilename());
+      await download.saveAs(file);
+      await page.context().close();
+      const other = await open(program.link);
+      await waitFor(other, () => window.kestrel?.vehicle?.state && kestrel.plan, 10);
+      await other.setInputFiles('input[type=file]', file);
+      await waitFor(other, () => kestrel.replay?.state, 5);
+      await other.evaluate(() => kestrel.time.seek(Infinity));
+      const last = await other.evaluate(() => [kestrel.replay.state.z, kestrel.replay.state.armed, kestrel.view.path.length]);
+      check(last[0] > 0.5 && last[1] === 1, last.join());
+      // Something else than a recording is told apart.
+      await other.setInputFiles('input[type=file]', { name: 'x.krec', mimeType: 'application/octet-stream', buffer: Buffer.from('not one') });
+      await other.waitForSelector('.toast.bad', seconds(3));
+      rmSync(path.dirname(file), { recursive: true, force: true });
+      await other.context().close();
     } finally { await program.stop(); }
   },
 

@@ -26,7 +26,7 @@ use bridge::web::{Console, ConsoleConfig, Picture, console};
 use clap::Args;
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -171,7 +171,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         state_dir: Some(state_dir.clone()),
         has_link: false,
         names: host_names(),
-        vehicle: args.map.display().to_string(),
+        vehicle: place_name(&args.map),
         us: our_address(&settings),
         plan: Arc::clone(&plan),
         settings: settings.clone(),
@@ -277,6 +277,18 @@ fn lend(door: Door, borrower: Borrower, fc: Endpoint, stop: Stop) -> Result<Rece
         })
         .context("cannot start the thread of --passthrough")?;
     Ok(told)
+}
+
+/// What people call the place of a plan: its file, or its folder if the file is called like every other.
+fn place_name(map: &Path) -> String {
+    let stem = map.file_stem().unwrap_or_default();
+    let folder = map.parent().and_then(Path::file_name);
+    match folder {
+        Some(folder) if stem == "plan" || stem == "map" => folder,
+        _ => stem,
+    }
+    .to_string_lossy()
+    .into_owned()
 }
 
 /// What this machine is called by others.

@@ -345,7 +345,7 @@ impl Server {
         *locked(&self.entry) = entry;
         let address = self.address;
         let line = match entry {
-            Entry::Password => format!("Console: https://{address}"),
+            Entry::Password => format!("Console: {}", self.reachable().join(" ")),
             Entry::Link(key) if is_first => {
                 format!("Console: http://{address}/#enter={}", key.to_hex())
             }
@@ -359,6 +359,20 @@ impl Server {
             ),
         };
         let _ = self.tell.try_send(line);
+    }
+
+    /// Where browsers find us.
+    fn reachable(&self) -> Vec<String> {
+        let at = |ip: IpAddr| format!("https://{}", SocketAddr::new(ip, self.address.port()));
+        if self.address.ip().is_unspecified() {
+            tls::own_addresses()
+                .into_iter()
+                .filter(|ip| !ip.is_loopback())
+                .map(at)
+                .collect()
+        } else {
+            vec![at(self.address.ip())]
+        }
     }
 
     /// Writes an action of a user down.

@@ -11,11 +11,11 @@
 //! | [`role`], [`envelope`], [`dead_man`], [`sessions`], [`throttle`] | pure: who may what, order and age of frames, released sticks, who is logged in, how often |
 //! | [`topics`] | pure: the compact telemetry, byte by byte |
 //! | [`ledger`], [`password`] | accounts and the audit log in SQLite, Argon2id |
-//! | [`listener`], [`tls`] | connections, limits, certificate |
-//! | [`gate`] | host, origin, session and role of every request; headers of every answer |
-//! | [`routes`] | the table of all routes and what each does |
-//! | [`socket`] | one page's WebSocket |
-//! | [`pages`] | the page's files, in the binary |
+//! | `listener`, `tls` | connections, limits, certificate |
+//! | `gate` | host, origin, session and role of every request; headers of every answer |
+//! | `routes` | the table of all routes and what each does |
+//! | `socket` | one page's WebSocket |
+//! | `pages` | the page's files, in the binary |
 
 pub mod console;
 pub mod dead_man;

@@ -39,6 +39,7 @@ files! {
     "/params.js" "params.js" "text/javascript; charset=utf-8"
     "/people.js" "people.js" "text/javascript; charset=utf-8"
     "/plan.js" "plan.js" "text/javascript; charset=utf-8"
+    "/recorder.js" "recorder.js" "text/javascript; charset=utf-8"
     "/station.js" "station.js" "text/javascript; charset=utf-8"
     "/sticks.js" "sticks.js" "text/javascript; charset=utf-8"
     "/style.css" "style.css" "text/css; charset=utf-8"

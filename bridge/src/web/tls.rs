@@ -76,7 +76,7 @@ fn make(names: &[String], address: IpAddr) -> Result<(String, String), rcgen::Er
 }
 
 /// IPv4 addresses of this machine, as the kernel's routing table has them.
-fn own_addresses() -> Vec<IpAddr> {
+pub(super) fn own_addresses() -> Vec<IpAddr> {
     let table = std::fs::read_to_string("/proc/net/fib_trie").unwrap_or_default();
     let lines: Vec<&str> = table.lines().map(str::trim).collect();
     let mut out: Vec<IpAddr> = lines
