@@ -3,12 +3,17 @@
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
-use bridge::gcs::Document;
+use bridge::autopilot::door::Snapshot;
+use bridge::autopilot::ground::Ground;
+use bridge::gcs::disk::{DiskReply, Ticket};
+use bridge::gcs::{Document, LinkId};
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
+use bridge::io::firmware::Outside;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, Outgoing};
 use bridge::io::net::{LinkEvent, Links};
+use bridge::io::uquad_lockstep::UquadLockstep;
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -51,9 +56,81 @@ const FIRMWARE_CATCH_UP: Duration = Duration::from_millis(10);
 /// Longest landing before the program ends anyway, virtual time.
 const LANDING: Duration = Duration::from_secs(30);
 
+/// A simulated vehicle with its brain, whichever.
+pub(crate) trait World {
+    fn now(&self) -> Timestamp;
+    fn advance(&mut self, until: Timestamp);
+    fn snapshot(&self) -> &Snapshot;
+    fn ground(&self) -> &Ground;
+    fn link_up(&mut self, link: LinkId);
+    fn link_down(&mut self, link: LinkId);
+    fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool);
+    fn disk(&mut self, ticket: Ticket, reply: &DiskReply);
+    fn shut_down(&mut self);
+    fn poll(&mut self) -> Option<Outgoing>;
+    fn flush(&mut self);
+    fn write_error(&mut self) -> Option<std::io::Error>;
+    /// The real firmware, if it flies.
+    fn firmware(&mut self) -> Option<&mut Outside> {
+        None
+    }
+}
+
+/// Both worlds have methods of these names.
+macro_rules! world {
+    ($world:ty { $($more:item)* }) => {
+        impl World for $world {
+            fn now(&self) -> Timestamp {
+                <$world>::now(self)
+            }
+            fn advance(&mut self, until: Timestamp) {
+                <$world>::advance(self, until);
+            }
+            fn snapshot(&self) -> &Snapshot {
+                <$world>::snapshot(self)
+            }
+            fn ground(&self) -> &Ground {
+                &self.ground
+            }
+            fn link_up(&mut self, link: LinkId) {
+                <$world>::link_up(self, link);
+            }
+            fn link_down(&mut self, link: LinkId) {
+                <$world>::link_down(self, link);
+            }
+            fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool) {
+                <$world>::receive(self, link, bytes, is_datagram);
+            }
+            fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
+                <$world>::disk(self, ticket, reply);
+            }
+            fn shut_down(&mut self) {
+                <$world>::shut_down(self);
+            }
+            fn poll(&mut self) -> Option<Outgoing> {
+                <$world>::poll(self)
+            }
+            fn flush(&mut self) {
+                <$world>::flush(self);
+            }
+            fn write_error(&mut self) -> Option<std::io::Error> {
+                self.write_error.take()
+            }
+            $($more)*
+        }
+    };
+}
+
+world!(Lockstep {
+    fn firmware(&mut self) -> Option<&mut Outside> {
+        Self::firmware(self)
+    }
+});
+world!(UquadLockstep {});
+
 /// Everything a running simulation needs.
-pub(crate) struct Session {
-    pub(crate) lockstep: Lockstep,
+pub(crate) struct Session<W> {
+    pub(crate) lockstep: W,
     pub(crate) links: Links,
     pub(crate) keep: Keep,
     pub(crate) terminal: Terminal,
@@ -63,7 +140,7 @@ pub(crate) struct Session {
     pub(crate) shows_status: bool,
 }
 
-impl Session {
+impl<W: World> Session<W> {
     /// Runs until stopped.
     pub(crate) fn run(mut self) -> Result<ExitCode> {
         let clock = Clock::start(self.speed.unwrap_or(1.0));
@@ -100,7 +177,8 @@ impl Session {
             while let Some(news) = self.lockstep.firmware().and_then(|f| f.poll_news()) {
                 self.terminal.line(&format!("  {news}"));
             }
-            self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
+            self.terminal
+                .texts(self.lockstep.ground(), &mut texts_shown);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(self.lockstep.snapshot(), known.len());
             }
@@ -131,13 +209,13 @@ impl Session {
         self.carry_out();
         self.lockstep.flush();
         self.terminal.finish();
-        if let Some(e) = self.lockstep.write_error.take() {
+        if let Some(e) = self.lockstep.write_error() {
             return Err(anyhow::Error::new(e).context("a log could not be written completely"));
         }
         Ok(ExitCode::SUCCESS)
     }
 
-    fn take_links(&mut self, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+    fn take_links(&mut self, known: &mut BTreeSet<LinkId>) {
         // Bounded: a flood waits in its queue, not in our loop.
         for _ in 0..256 {
             let Some(event) = self.links.poll() else {
@@ -147,7 +225,7 @@ impl Session {
         }
     }
 
-    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<LinkId>) {
         match event {
             LinkEvent::Up(link) => {
                 known.insert(link);

@@ -1,11 +1,12 @@
 //! `kestrel sim`: a drone in a simulated room, in real time, for ordinary ground stations.
 
-use super::session::{DEFAULT_LINKS, Session};
+use super::session::{DEFAULT_LINKS, Session, World};
 use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
+use bridge::autopilot::ground::Ground;
 use bridge::gcs::Document;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
@@ -13,6 +14,7 @@ use bridge::io::lockstep::{Lockstep, LockstepConfig};
 use bridge::io::net::{Links, Wanted};
 use bridge::io::record::Recorder;
 use bridge::io::truth::TruthFile;
+use bridge::io::uquad_lockstep::{UquadLockstep, UquadLockstepConfig};
 use bridge::settings::{Origin, Settings};
 use clap::{Args, ValueEnum};
 use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
@@ -34,7 +36,7 @@ const DOCUMENTS: [&str; 4] = [
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --airframe uquad                     uQuad: inertial unit, thesis filter, LQR, motor driver\n  kestrel sim --airframe uquad --states 8          without a position source\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
 )]
 pub(crate) struct SimArgs {
     /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
@@ -61,6 +63,11 @@ pub(crate) struct SimArgs {
     /// provision`).
     #[arg(long, value_name = "STATE", default_value_t = Delivery::default())]
     pub(crate) fc_settings: Delivery,
+    /// The aircraft: a quadcopter with a flight controller, or uQuad, flown by motor speeds from the bytes of its inertial unit.
+    #[arg(long, value_name = "NAME", default_value = "quad")]
+    pub(crate) airframe: AirframeArg,
+    #[command(flatten)]
+    pub(crate) uquad: super::uquad::UquadLawArgs,
     /// Optical flow sensor.
     #[arg(long, default_value = "on")]
     pub(crate) flow: Switch,
@@ -138,6 +145,8 @@ impl Default for SimArgs {
             rangers: "tof32".to_owned(),
             manner: Manner::default(),
             fc_settings: Delivery::default(),
+            airframe: AirframeArg::Quad,
+            uquad: super::uquad::UquadLawArgs::default(),
             flow: Switch::On,
             firmware: FirmwareArg::BuiltIn,
             fc: None,
@@ -160,6 +169,15 @@ impl Default for SimArgs {
             quiet: false,
         }
     }
+}
+
+/// `--airframe`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AirframeArg {
+    /// Indoor quadcopter with a flight controller behind MSP.
+    Quad,
+    /// uQuad: four motors on I2C, an inertial unit on a serial line, no flight controller.
+    Uquad,
 }
 
 /// `--firmware`.
@@ -341,9 +359,14 @@ impl SimArgs {
         Ok(settings)
     }
 
-    /// World, vehicle and brain as the arguments describe them.
-    pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
-        let mut keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
+    /// Parameters as the arguments give them, without those that an earlier run has kept.
+    pub(crate) fn settings_now(&self) -> Result<Settings> {
+        super::settings(self.config.as_deref(), &self.params)
+    }
+
+    /// What every simulated vehicle is made from.
+    fn describe(&self) -> Result<Described> {
+        let keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
             format!(
                 "cannot make the state folder {}",
                 self.state_dir
@@ -384,6 +407,24 @@ impl SimArgs {
                 documents.push(Document { name, bytes });
             }
         }
+        Ok(Described {
+            sim,
+            start,
+            settings,
+            documents,
+            keep,
+        })
+    }
+
+    /// World, vehicle and brain as the arguments describe them.
+    pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
+        let Described {
+            sim,
+            start,
+            settings,
+            documents,
+            mut keep,
+        } = self.describe()?;
         let header = format!(
             "kestrel {} room {} seed {}\n{}",
             env!("CARGO_PKG_VERSION"),
@@ -420,8 +461,45 @@ impl SimArgs {
         Ok((lockstep, keep))
     }
 
+    /// uQuad in its world.
+    fn build_uquad(&self) -> Result<(UquadLockstep, Keep)> {
+        if self.firmware != FirmwareArg::BuiltIn || self.log.is_some() || self.hold.is_some() {
+            return Err(Usage(
+                "--airframe uquad has no flight controller: --firmware, --log and --hold do not apply"
+                    .to_owned(),
+            )
+            .into());
+        }
+        let Described {
+            sim,
+            start,
+            settings,
+            documents,
+            keep,
+        } = self.describe()?;
+        let law = self.uquad.law()?;
+        let uquad = self.uquad.config(&law)?;
+        let mut world = UquadLockstep::new(UquadLockstepConfig {
+            sim,
+            start,
+            settings,
+            documents,
+            uquad,
+            weights: law.weights(),
+            list: self.uquad.list()?,
+            has_place: self.uquad.has_place(),
+        })?;
+        if let Some(path) = &self.truth {
+            world.write_truth(
+                TruthFile::create(path)
+                    .with_context(|| format!("cannot write {}", path.display()))?,
+            );
+        }
+        Ok((world, keep))
+    }
+
     /// Links as asked for; none named = the default set.
-    pub(crate) fn links(&self, lockstep: &mut Lockstep) -> Result<Links> {
+    pub(crate) fn links(&self, ground: &mut Ground) -> Result<Links> {
         let wanted: Vec<Wanted> = if self.mavlink.is_empty() {
             DEFAULT_LINKS
                 .iter()
@@ -438,11 +516,18 @@ impl SimArgs {
         } else {
             parse_endpoints(&self.mavlink)?
         };
-        lockstep
-            .ground
-            .set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+        ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
         Links::open(&wanted).map_err(|e| anyhow!(e))
     }
+}
+
+/// What every simulated vehicle is made from.
+struct Described {
+    sim: SimConfig,
+    start: Start,
+    settings: Settings,
+    documents: Vec<Document>,
+    keep: Keep,
 }
 
 /// A free place that a seed chooses: reachable from home, clear of walls, any heading.
@@ -504,37 +589,64 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
 
 pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let (mut lockstep, keep) = args.build()?;
-    let links = args.links(&mut lockstep)?;
-    let mut terminal = Terminal::new(args.quiet);
-    terminal.line(&format!(
-        "Kestrel {} in `{}`, seed {}, ring {}",
-        env!("CARGO_PKG_VERSION"),
-        args.room,
-        args.seed,
-        args.rangers
-    ));
-    for link in &links.described {
-        terminal.line(&format!("  MAVLink {link}"));
+    if args.airframe == AirframeArg::Uquad {
+        let (mut lockstep, keep) = args.build_uquad()?;
+        let links = args.links(&mut lockstep.ground)?;
+        let terminal = args.greet(&links);
+        return args.session(lockstep, links, keep, terminal, stop).run();
     }
-    terminal.line(
-        "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
-    );
-    let speed = match args.speed.unwrap_or(Speed::Times(1.0)) {
-        Speed::Times(x) => Some(x),
-        Speed::Max => None,
-    };
+    let (mut lockstep, keep) = args.build()?;
+    let links = args.links(&mut lockstep.ground)?;
+    let mut terminal = args.greet(&links);
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
     }
-    Session {
-        lockstep,
-        links,
-        keep,
-        terminal,
-        stop,
-        speed,
-        shows_status: !args.headless,
+    args.session(lockstep, links, keep, terminal, stop).run()
+}
+
+impl SimArgs {
+    fn greet(&self, links: &Links) -> Terminal {
+        let mut terminal = Terminal::new(self.quiet);
+        let what = match self.airframe {
+            AirframeArg::Quad => "",
+            AirframeArg::Uquad => ", uQuad",
+        };
+        terminal.line(&format!(
+            "Kestrel {} in `{}`, seed {}, ring {}{what}",
+            env!("CARGO_PKG_VERSION"),
+            self.room,
+            self.seed,
+            self.rangers
+        ));
+        for link in &links.described {
+            terminal.line(&format!("  MAVLink {link}"));
+        }
+        terminal.line(
+            "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
+        );
+        terminal
     }
-    .run()
+
+    fn session<W: World>(
+        &self,
+        lockstep: W,
+        links: Links,
+        keep: Keep,
+        terminal: Terminal,
+        stop: Stop,
+    ) -> Session<W> {
+        let speed = match self.speed.unwrap_or(Speed::Times(1.0)) {
+            Speed::Times(x) => Some(x),
+            Speed::Max => None,
+        };
+        Session {
+            lockstep,
+            links,
+            keep,
+            terminal,
+            stop,
+            speed,
+            shows_status: !self.headless,
+        }
+    }
 }

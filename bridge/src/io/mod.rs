@@ -14,6 +14,8 @@
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
+//! | [`uquad_thread`] | uQuad for real: the thread of its inertial unit, the thread of its motors |
+//! | [`uquad_lockstep`] | uQuad in the simulator: inertial unit, motor driver, aircraft, in one thread |
 //! | [`record`] | the flight log: every input of `Flight` |
 //! | [`folder`] | flight logs and uploads on disk, safe from names and links |
 //! | [`keep`] | documents on disk, written atomically |
@@ -33,3 +35,5 @@ pub mod realtime;
 pub mod record;
 pub mod timer;
 pub mod truth;
+pub mod uquad_lockstep;
+pub mod uquad_thread;

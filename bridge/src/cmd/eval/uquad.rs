@@ -252,7 +252,7 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
 }
 
 /// Frames of a log in either format, and the rows that are none with their reasons.
-fn read_frames(text: &str) -> (Vec<RawFrame>, Vec<String>) {
+pub(super) fn read_frames(text: &str) -> (Vec<RawFrame>, Vec<String>) {
     let mut frames = Vec::new();
     let mut refused = Vec::new();
     let mut before: Option<LogRow> = None;
