@@ -54,6 +54,8 @@ enum Command {
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
     Rooms(cmd::rooms::RoomsArgs),
+    /// Fly a relay test in the simulator and propose gains.
+    Tune(cmd::tune::TuneArgs),
     /// Run an estimator on a recorded log.
     Eval(cmd::eval::EvalArgs),
     /// Look at flight logs: what they hold, pictures, tables.
@@ -81,6 +83,7 @@ fn main() -> ExitCode {
         Command::Plan(args) => cmd::plan::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
+        Command::Tune(args) => cmd::tune::run(&args),
         Command::Eval(args) => cmd::eval::run(args),
         Command::Log(args) => cmd::log::run(args),
         Command::Replay(args) => cmd::replay::run(args),

@@ -5,6 +5,7 @@
 
 use crate::motor::SpeedRange;
 use control::integral::IntegralAction;
+use control::lqr::Design;
 use control::proportional::{ErrorLimits, Gains};
 use control::state_feedback::{StateFeedback, StateSetpoint};
 use core::fmt;
@@ -104,6 +105,13 @@ pub fn speed_range(hover_radps: f64) -> (f64, f64) {
     (range.slowest_radps, range.fastest_radps)
 }
 
+/// Speed that hovers with a mass, rad/s, never above what a motor may turn at.
+fn laws_hover(craft: &vehicle::UquadAirframe, mass_kg: f64) -> f64 {
+    vehicle::UquadAirframe { mass_kg, ..*craft }
+        .hover_speed_radps()
+        .min(vehicle::uquad::MAX_SPEED_RADPS)
+}
+
 /// Why a configuration is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UquadError {
@@ -176,6 +184,7 @@ pub struct Uquad {
     left_out: LeftOut,
     start: Start,
     fix: Option<Vector3<f64>>,
+    start_m: Vector3<f64>,
     frames: u32,
     is_running: bool,
     is_stopped: bool,
@@ -224,6 +233,7 @@ impl Uquad {
             left_out: LeftOut::new(),
             start: config.start,
             fix: None,
+            start_m: Vector3::zeros(),
             frames: 0,
             is_running: false,
             is_stopped: false,
@@ -313,8 +323,9 @@ impl Uquad {
                 let Some(reference) = self.imu.reference() else {
                     return false;
                 };
-                self.filter.start_at(reference, Vector3::zeros());
+                self.filter.start_at(reference, self.start_m);
                 // Hover where it stands, facing where it faces.
+                self.setpoint.state[..3].copy_from_slice(self.start_m.as_slice());
                 self.setpoint.state[5] = reference.angles.theta_rad;
                 self.is_running = true;
             }
@@ -343,6 +354,35 @@ impl Uquad {
         self.speeds_radps = speeds_radps;
     }
 
+    /// Other gains from the next step on; what is integrated stays where the columns are the same.
+    pub fn set_gains(&mut self, design: &Design) {
+        self.law.gains = design.gains;
+        if let (Some(action), Some((gains, _))) = (&mut self.law.integral, design.integral) {
+            action.set_gains(gains);
+        }
+    }
+
+    /// The estimate is carried to another position, m: localization found itself elsewhere.
+    pub fn relocate(&mut self, position_m: Vector3<f64>) {
+        self.filter.relocate(position_m);
+    }
+
+    /// The estimate.
+    #[must_use]
+    pub const fn filter(&self) -> &ThesisFilter {
+        &self.filter
+    }
+
+    /// Where x and y are zero: the place of the start, m.
+    pub const fn start_from(&mut self, position_m: Vector3<f64>) {
+        self.start_m = position_m;
+    }
+
+    /// Other limits of the commanded speeds, rad/s: the weight was changed.
+    pub const fn set_speed_range(&mut self, speed_range_radps: (f64, f64)) {
+        self.speed_range_radps = speed_range_radps;
+    }
+
     /// Forgets the integrals: before take-off they have summed up the floor.
     pub fn reset_integrals(&mut self) {
         if let Some(integral) = &mut self.law.integral {
@@ -364,6 +404,9 @@ impl Uquad {
 }
 
 pub mod aircraft;
+pub mod flight;
+pub mod laws;
+pub mod reference;
 
 #[cfg(test)]
 mod tests;

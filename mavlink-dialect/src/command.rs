@@ -52,6 +52,10 @@ commands! {
     NAV_LAND = 21;
     /// Climb.
     NAV_TAKEOFF = 22;
+    /// Fly around a place, now.
+    DO_ORBIT = 34;
+    /// Fly a figure eight about a place, now.
+    DO_FIGURE_EIGHT = 35;
     /// Wait.
     NAV_DELAY = 93;
     /// Wait before the next action.

@@ -12,6 +12,7 @@
 //! | [`navigator`] | [`Navigator`]: goal and state to [`vehicle::Setpoint`]; the limiter of manual flight |
 //! | [`vfh`] | certainty grid, polar histogram, openings, steering |
 //! | [`potential`] | potential fields, SNSI's first planner, for comparison |
+//! | [`trajectory`] | orbit, figure eight, curves of least jerk through way points |
 //! | [`tracks`] | people: what moves and is not on the plan |
 //! | [`evade`] | where to step aside |
 //! | [`coverage`] | which directions the rangers look into |
@@ -58,6 +59,7 @@ pub mod patrol;
 pub mod potential;
 pub mod route;
 pub mod tracks;
+pub mod trajectory;
 pub mod vfh;
 
 pub use mission::{

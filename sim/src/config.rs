@@ -6,7 +6,7 @@ use crate::walker::Walker;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use vehicle::floor_plan::Cell;
-use vehicle::{Airframe, In, MapPose, RingConfig, RingError};
+use vehicle::{Airframe, In, MapPose, RingConfig, RingError, UquadAirframe};
 
 /// Turbulence of still indoor air with the vehicle's own wash, N (one standard deviation of the force).
 pub const INDOOR_TURBULENCE_N: f64 = 0.03;
@@ -48,6 +48,9 @@ pub struct VehicleConfig {
     /// [`felt`](crate::Simulator::felt) to it and [`motors`](crate::Simulator::command_motors) back.
     #[serde(default)]
     pub outside_fc: bool,
+    /// It has no flight controller at all: a body commanded in motor speeds ([`turn_motors`](crate::Simulator::turn_motors)).
+    #[serde(skip)]
+    pub motor_craft: Option<UquadAirframe>,
 }
 
 impl VehicleConfig {
@@ -62,6 +65,7 @@ impl VehicleConfig {
             charge: 1.0,
             fc: FcConfig::default(),
             outside_fc: false,
+            motor_craft: None,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::config::VehicleConfig;
 use crate::controller::Controller;
+use crate::motor_craft::MotorCraft;
 use crate::quad::Quad;
 use crate::quad::contact::Contact;
 use crate::sensor::{
@@ -23,6 +24,8 @@ pub(crate) struct Craft {
     pub(crate) quad: Quad,
     pub(crate) fc: Controller,
     pub(crate) contact: Contact,
+    /// The body in place of the quad's own, with the speeds it is commanded, rad/s.
+    pub(crate) motors: Option<(MotorCraft, [f64; 4])>,
     rangers: Vec<Ranger>,
     down: Option<DownRanger>,
     flow: Option<FlowCamera>,
@@ -56,6 +59,11 @@ impl Craft {
         Self {
             fc: Controller::new(config, seed, index, &quad, field),
             contact: Contact::new(&quad),
+            motors: config.motor_craft.map(|frame| {
+                let mut body = MotorCraft::landed(frame, -yaw_rad);
+                body.put(&quad);
+                (body, [0.0; 4])
+            }),
             rangers: rangers
                 .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))
                 .collect(),
@@ -70,14 +78,24 @@ impl Craft {
     /// One millisecond of flight.
     pub(crate) fn fly(&mut self, now: Timestamp, shared: &Shared<'_>) {
         let motors = self.fc.step(now, &self.quad);
-        let bump = self.quad.step(motors);
+        let bump = match &mut self.motors {
+            None => self.quad.step(motors),
+            Some((body, speeds)) => self.quad.follow(body, *speeds),
+        };
         let Shared {
             world,
             anchor,
             index,
         } = shared;
+        let before = (self.quad.position(), self.quad.velocity());
         self.contact
             .resolve(&mut self.quad, bump, world, *index, anchor);
+        if let Some((body, _)) = &mut self.motors
+            && before != (self.quad.position(), self.quad.velocity())
+        {
+            // Walls and people have pushed it.
+            body.put(&self.quad);
+        }
     }
 
     /// Fires what is due and hands over what has arrived.
@@ -155,6 +173,9 @@ impl Craft {
         self.quad.set_yaw(yaw_rad);
         self.fc.carried(yaw_rad);
         self.contact.moved(&self.quad);
+        if let Some((body, _)) = &mut self.motors {
+            body.put(&self.quad);
+        }
     }
 }
 

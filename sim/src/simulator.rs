@@ -5,6 +5,7 @@ use crate::craft::{Craft, Shared};
 use crate::fc::Radio;
 use crate::fc::uart::BURST;
 use crate::firmware::Felt;
+use crate::imu_board::Environment;
 use crate::room::{Room, RoomFacts};
 use crate::sensor::MagneticField;
 use crate::world::World;
@@ -219,6 +220,26 @@ impl Simulator {
         self.crafts[vehicle].fc.command(commands);
     }
 
+    /// Speeds that the motors of a vehicle without flight controller are told to turn at, rad/s: front, left, rear, right.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn turn_motors(&mut self, vehicle: usize, speeds_radps: [f64; 4]) {
+        if let Some((_, speeds)) = &mut self.crafts[vehicle].motors {
+            *speeds = speeds_radps;
+        }
+    }
+
+    /// What the chips of an inertial unit on a vehicle without flight controller feel; none with one.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn environment(&self, vehicle: usize) -> Option<Environment> {
+        let (body, _) = self.crafts[vehicle].motors.as_ref()?;
+        Some(body.environment())
+    }
+
     /// Breaks or mends something.
     ///
     /// # Panics
@@ -279,7 +300,10 @@ impl Simulator {
             in_contact: craft.contact.in_contact(),
             contacts: craft.contact.episodes(),
             on_floor: quad.is_on_floor(),
-            armed: craft.fc.is_armed(),
+            armed: match &craft.motors {
+                Some((_, speeds)) => speeds.iter().any(|w| *w > 0.0),
+                None => craft.fc.is_armed(),
+            },
             voltage_v: quad.battery().voltage_v(),
             charge: quad.battery().remaining(),
         }

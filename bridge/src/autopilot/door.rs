@@ -8,12 +8,14 @@ pub use super::bench_work::{MotorTurn, Progress, Sensor};
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
+use crate::uquad::aircraft::Off;
 use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
 use msp::message::FcVariant;
 use planner::fence::Site;
 use planner::mission::Plan;
 use planner::navigator::Avoidance;
+use planner::trajectory::{Figure, Nose};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
@@ -68,6 +70,8 @@ pub enum Request {
     },
     /// Fly to a place and hover. What is none stays as it is; all none = stop here.
     GoTo(GoTo),
+    /// Fly around something until told otherwise, in mode Hold.
+    Figure(FigureRequest),
     /// Replace the plan. The old one comes back in [`Event::PlanRetired`].
     SetPlan(Arc<Plan>),
     /// Replace fence and rally points. The old ones come back in [`Event::SiteRetired`].
@@ -127,6 +131,70 @@ pub struct GoTo {
     pub yaw_rad: Option<f64>,
     /// m/s.
     pub speed_mps: Option<f64>,
+}
+
+/// Target of [`Request::Figure`]; what is none is where the vehicle is, or the usual.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FigureRequest {
+    /// Centre, NED x about home, m.
+    pub north_m: Option<f64>,
+    /// Centre, NED y about home, m.
+    pub east_m: Option<f64>,
+    /// NED z about home, m.
+    pub down_m: Option<f64>,
+    /// Of an orbit; of an eight centre to its far ends, m.
+    pub radius_m: f64,
+    /// Half the width of an eight, m; none = an orbit.
+    pub minor_m: Option<f64>,
+    /// Direction of the long axis of an eight, clockwise from north, rad.
+    pub axis_rad: f64,
+    /// Seen from above (an eight: its end in the direction of the axis).
+    pub is_clockwise: bool,
+    /// m/s.
+    pub speed_mps: Option<f64>,
+    /// Rounds; none = until something else is asked for.
+    pub rounds: Option<f64>,
+    /// Where the nose points.
+    pub nose: FigureNose,
+}
+
+/// Where the nose points on a figure: ORBIT_YAW_BEHAVIOUR.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FigureNose {
+    /// HOLD_FRONT_TO_CIRCLE_CENTER.
+    #[default]
+    Centre,
+    /// HOLD_INITIAL_HEADING.
+    Initial,
+    /// HOLD_FRONT_TANGENT_TO_CIRCLE.
+    Tangent,
+}
+
+impl From<FigureNose> for Nose {
+    fn from(nose: FigureNose) -> Self {
+        match nose {
+            FigureNose::Centre => Self::Centre,
+            FigureNose::Initial => Self::Initial,
+            FigureNose::Tangent => Self::Tangent,
+        }
+    }
+}
+
+impl From<FigureRequest> for Figure {
+    fn from(asked: FigureRequest) -> Self {
+        match asked.minor_m {
+            None => Self::Orbit {
+                radius_m: asked.radius_m,
+                is_clockwise: asked.is_clockwise,
+            },
+            Some(minor_m) => Self::Eight {
+                major_m: asked.radius_m,
+                minor_m,
+                axis_rad: asked.axis_rad,
+                is_clockwise: asked.is_clockwise,
+            },
+        }
+    }
 }
 
 /// Sticks of MANUAL_CONTROL, -1..=1; none = axis not used.
@@ -366,6 +434,8 @@ pub enum Refusal {
     MotorTestOff,
     /// The flight controller refused the order.
     FcRefused,
+    /// The motors of a craft without flight controller were stopped for a reason; the program must be started again.
+    MotorsOff(Off),
 }
 
 impl Refusal {
@@ -433,6 +503,7 @@ impl fmt::Display for Refusal {
             Self::MotorTestOff => write!(f, "propellers off, then set KST_MOTOR_TEST to 1"),
             Self::FcRefused => write!(f, "the flight controller refuses it"),
             Self::PilotArms => write!(f, "the pilot arms and disarms with his radio"),
+            Self::MotorsOff(why) => write!(f, "motors were stopped: {}; start again", why.words()),
             Self::PilotSteers => write!(
                 f,
                 "the pilot steers: his MSP OVERRIDE switch must be on, then ask again"
@@ -666,6 +737,19 @@ pub enum Notice {
         /// How far.
         progress: Progress,
     },
+    /// The inertial unit knows its zeros.
+    ImuCalibrated,
+    /// It was moved meanwhile and begins again.
+    ImuDisturbed,
+    /// The inertial unit's period was out of range.
+    ImuPeriod {
+        /// Measured, ms.
+        ms: f64,
+        /// Errors counted; ten stop the motors.
+        errors: u32,
+    },
+    /// A craft without flight controller stopped its motors.
+    MotorsOff(Off),
 }
 
 impl Notice {
@@ -676,6 +760,7 @@ impl Notice {
             Self::FcLost { .. }
             | Self::Failsafe { .. }
             | Self::FcDisarmed
+            | Self::MotorsOff(_)
             | Self::PilotTookOver => Severity::Critical,
             Self::LocalizationLost | Self::SearchFailed | Self::BatteryLow { .. } => {
                 Severity::Error
@@ -685,6 +770,8 @@ impl Notice {
             | Self::WayBlocked
             | Self::FcUnknown { .. }
             | Self::FcRestarted
+            | Self::ImuDisturbed
+            | Self::ImuPeriod { .. }
             | Self::PilotOffers => Severity::Warning,
             Self::FcStalled => Severity::Error,
             Self::FcSlow { .. } => Severity::Notice,
@@ -759,6 +846,13 @@ impl fmt::Display for Notice {
             Self::FcSlow { service_hz, .. } => {
                 write!(f, "FC serves {service_hz}/s: raise the baud rate")
             }
+            Self::ImuCalibrated => write!(f, "IMU calibrated: ready"),
+            Self::ImuDisturbed => write!(f, "IMU moved while calibrating: begins again"),
+            Self::ImuPeriod { ms, errors } => write!(
+                f,
+                "IMU period of {ms:.1} ms instead of 8-12 ms ({errors} of 10 errors)"
+            ),
+            Self::MotorsOff(why) => write!(f, "Motors stopped: {}", why.words()),
             Self::FcStalled => write!(f, "FC control loop stands still: restart it"),
             // PX4's words: QGroundControl and MAVSDK read them.
             Self::Calibration { sensor, progress } => {

@@ -589,7 +589,7 @@ impl Ground {
         let needs = access::needs(message);
         if role < needs {
             access::deny(&self.access, from, message, &ctx, out);
-        } else if self.control.handle(now, from, message, &ctx, out) {
+        } else if self.control.handle(now, from, message, out) {
             // Answered.
         } else if needs > Role::Viewer && !self.control.admits(from, &ctx) {
             let why = self.control.reason();

@@ -2,7 +2,7 @@
 
 use super::fc::passthrough::open_door;
 use super::session::{LogWatch, end_log};
-use super::sim::{StartArg, parse_endpoints};
+use super::sim::{AirframeArg, StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, load_plan, settings};
@@ -18,12 +18,16 @@ use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
 use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
-use bridge::io::net::{LinkEvent, Links};
+use bridge::io::net::{LinkEvent, Links, Wanted};
 use bridge::io::passthrough::Door;
+use bridge::io::uquad_lockstep::simulated_calibration;
+use bridge::io::uquad_thread::{self, ImuSource, Motors};
 use bridge::log::{GroundRecord, Header};
-use bridge::settings::Origin;
+use bridge::settings::{Origin, Settings};
+use bridge::uquad::flight::{UquadFlight, UquadFlightConfig};
 use bridge::web::{Console, ConsoleConfig, Picture, console};
 use clap::Args;
+use estimator::imu::Calibration;
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -31,7 +35,8 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
-use vehicle::{Airframe, Pace, RingConfig, Timestamp};
+use vehicle::floor_plan::Cell;
+use vehicle::{Airframe, FloorPlan, MapPose, Pace, RingConfig, Timestamp};
 
 /// Where stations of the local network listen, when no link is named: they find the vehicle and may watch.
 const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
@@ -45,15 +50,36 @@ const LANDING: Duration = Duration::from_secs(30);
 /// Fly the real thing.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n\nRange finder drivers are not built yet: without a ring that speaks, take-off is refused."
+    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n\n  kestrel fly --airframe uquad --imu serial:///dev/ttyUSB0?baudrate=115200 --calib imu_calib.txt --motors i2c:///dev/i2c-2 --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --airframe uquad --imu imu_raw.log --calib imu_calib.txt --motors sim --mavlink udpserver://127.0.0.1:14555\n\nRange finder drivers are not built yet: without a ring that speaks, take-off is refused. uQuad flies without: height, heading and\ntilt are held, the place is not."
 )]
 pub(crate) struct FlyArgs {
     /// Flight controller: serial:///dev/...?baudrate=N or tcpclient://host:port.
-    #[arg(long, value_name = "URL")]
-    fc: String,
+    #[arg(long, value_name = "URL", required_unless_present = "imu")]
+    fc: Option<String>,
     /// Floor plan (ROS map_server YAML).
-    #[arg(long, value_name = "PLAN.yaml")]
-    map: PathBuf,
+    #[arg(long, value_name = "PLAN.yaml", required_unless_present = "imu")]
+    map: Option<PathBuf>,
+    /// The aircraft: a quadcopter with a flight controller, or uQuad, flown by motor speeds from the bytes of its inertial unit.
+    #[arg(long, value_name = "NAME", default_value = "quad")]
+    airframe: AirframeArg,
+    /// uQuad: its inertial unit, serial:///dev/...?baudrate=N, or a recorded imu_raw.log, replayed as slow as it was recorded.
+    #[arg(long, value_name = "URL|FILE", conflicts_with = "fc")]
+    imu: Option<String>,
+    /// uQuad: its motors: sim (a simulated bus), i2c:///dev/i2c-2, or stdin (a simulated bus that turns at typed speeds: four
+    /// numbers a line, rad/s).
+    #[arg(long, value_name = "sim|i2c://DEVICE|stdin", default_value = "sim")]
+    motors: String,
+    /// uQuad: calibration of its inertial unit (imu_calib.txt); default: that of the simulated chips.
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+    /// uQuad: frames of the calibration at rest.
+    #[arg(long, value_name = "N", default_value_t = 512)]
+    calibration_frames: u32,
+    /// uQuad: write x_hat.log and w.log into this folder.
+    #[arg(long, value_name = "DIR")]
+    log_dir: Option<PathBuf>,
+    #[command(flatten)]
+    uquad: super::uquad::UquadLawArgs,
     /// MAVLink endpoint (repeatable); only these open. None: announced by broadcast to port 14550, where stations may watch. Options: ?role=viewer|pilot|engineer&key=file:PATH|pass:TEXT&rate=BYTES_PER_S&route=on.
     #[arg(long, value_name = "URL")]
     mavlink: Vec<String>,
@@ -96,16 +122,17 @@ pub(crate) struct FlyArgs {
 
 pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let fc: Endpoint = args
-        .fc
+    if args.airframe == AirframeArg::Uquad {
+        return fly_uquad(args, stop);
+    }
+    let (Some(fc), Some(map)) = (&args.fc, &args.map) else {
+        return Err(Usage("--imu is uQuad's: say --airframe uquad".to_owned()).into());
+    };
+    let fc: Endpoint = fc
         .parse()
         .map_err(|e: EndpointError| Usage(e.to_string()))?;
-    let wanted = if args.mavlink.is_empty() {
-        parse_endpoints(&[ANNOUNCE.to_owned()])?
-    } else {
-        parse_endpoints(&args.mavlink)?
-    };
-    let plan = Arc::new(load_plan(&args.map)?);
+    let wanted = wanted(&args)?;
+    let plan = Arc::new(load_plan(map)?);
     let ring = match RingConfig::built_in(&args.rangers) {
         Ok(ring) => ring,
         Err(e) if !args.rangers.ends_with(".toml") => return Err(Usage(e.to_string()).into()),
@@ -115,39 +142,12 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
             RingConfig::from_toml(&text).with_context(|| format!("in {}", args.rangers))?
         }
     };
-    let state_dir = args
-        .state_dir
-        .clone()
-        .or_else(state_folder)
-        .ok_or_else(|| {
-            Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
-        })?;
-    let mut keep = Keep::in_folder(Some(&state_dir))
-        .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
-    let mut settings = settings(args.config.as_deref(), &[])?;
-    if let Some(bytes) = keep
-        .read("parameters.toml")
-        .context("cannot read the stored parameters")?
-    {
-        settings
-            .set_toml(&String::from_utf8_lossy(&bytes), Origin::Stored)
-            .context("in the stored parameters")?;
-    }
-    super::apply_sets(&mut settings, &args.params)?;
-    let mut documents = Vec::new();
-    for name in [
-        "mission.json",
-        "fence.json",
-        "rally.json",
-        "signing-clock.txt",
-    ] {
-        if let Some(bytes) = keep
-            .read(name)
-            .with_context(|| format!("cannot read the stored {name}"))?
-        {
-            documents.push(Document { name, bytes });
-        }
-    }
+    let Kept {
+        state_dir,
+        mut keep,
+        settings,
+        documents,
+    } = Kept::open(&args)?;
     let start = match args.start {
         Some(StartArg::At(pose)) => Start::Known(pose),
         Some(StartArg::Unknown) => Start::Unknown,
@@ -168,10 +168,10 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     let console_config = args.console.map(|listen| ConsoleConfig {
         listen,
         is_default: false,
-        state_dir: Some(state_dir.clone()),
+        state_dir: Some(state_dir),
         has_link: false,
         names: host_names(),
-        vehicle: place_name(&args.map),
+        vehicle: place_name(map),
         us: our_address(&settings),
         plan: Arc::clone(&plan),
         settings: settings.clone(),
@@ -241,8 +241,228 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         terminal,
         clock,
         stop,
-        fc,
+        unanswered: format!(
+            "flight controller {fc} does not answer MSP: check the baud rate and that MSP is enabled on that port"
+        ),
         told,
+        shows_status: !args.headless,
+        waits: args.wait,
+    }
+    .run()
+}
+
+/// The links as asked for; none named = announced on the local network.
+fn wanted(args: &FlyArgs) -> Result<Vec<Wanted>> {
+    if args.mavlink.is_empty() {
+        parse_endpoints(&[ANNOUNCE.to_owned()])
+    } else {
+        parse_endpoints(&args.mavlink)
+    }
+}
+
+/// What an earlier run had kept, and the parameters.
+struct Kept {
+    state_dir: PathBuf,
+    keep: Keep,
+    settings: Settings,
+    documents: Vec<Document>,
+}
+
+impl Kept {
+    fn open(args: &FlyArgs) -> Result<Self> {
+        let state_dir = args
+            .state_dir
+            .clone()
+            .or_else(state_folder)
+            .ok_or_else(|| {
+                Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
+            })?;
+        let keep = Keep::in_folder(Some(&state_dir))
+            .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
+        let mut settings = settings(args.config.as_deref(), &[])?;
+        if let Some(bytes) = keep
+            .read("parameters.toml")
+            .context("cannot read the stored parameters")?
+        {
+            settings
+                .set_toml(&String::from_utf8_lossy(&bytes), Origin::Stored)
+                .context("in the stored parameters")?;
+        }
+        super::apply_sets(&mut settings, &args.params)?;
+        let mut documents = Vec::new();
+        for name in [
+            "mission.json",
+            "fence.json",
+            "rally.json",
+            "signing-clock.txt",
+        ] {
+            if let Some(bytes) = keep
+                .read(name)
+                .with_context(|| format!("cannot read the stored {name}"))?
+            {
+                documents.push(Document { name, bytes });
+            }
+        }
+        Ok(Self {
+            state_dir,
+            keep,
+            settings,
+            documents,
+        })
+    }
+}
+
+/// Side of the empty plan that uQuad flies over without one, m.
+const FIELD_M: f64 = 40.0;
+
+/// Open floor with home in its middle.
+fn field() -> Result<FloorPlan> {
+    let cells = (FIELD_M / 0.25) as usize;
+    let middle = FIELD_M / 2.0;
+    let mut plan = FloorPlan::from_cells(cells, 0.25, [0.0, 0.0], vec![Cell::Free; cells * cells])?;
+    plan.home = Some(MapPose::new(middle, middle, 0.0));
+    Ok(plan)
+}
+
+/// Where the frames come from.
+fn imu_source(imu: &str) -> Result<ImuSource> {
+    if imu.contains("://") {
+        let endpoint: Endpoint = imu
+            .parse()
+            .map_err(|e: EndpointError| Usage(e.to_string()))?;
+        return Ok(ImuSource::Line(endpoint));
+    }
+    let text = std::fs::read_to_string(imu)
+        .with_context(|| format!("cannot read the recorded frames {imu}"))?;
+    let (frames, refused) = super::eval::uquad_frames(&text);
+    if let Some(first) = refused.first() {
+        super::term::complain(&format!(
+            "{} rows of {imu} are not used, the first: {first}",
+            refused.len()
+        ));
+    }
+    if frames.is_empty() {
+        return Err(anyhow!("{imu} has no usable row of imu_raw (14 columns)"));
+    }
+    Ok(ImuSource::Recording(frames))
+}
+
+fn motors(name: &str) -> Result<Motors> {
+    match name.strip_prefix("i2c://") {
+        Some(path) => Ok(Motors::I2c(PathBuf::from(path))),
+        None if name == "sim" => Ok(Motors::Simulated),
+        None if name == "stdin" => Ok(Motors::Typed),
+        None => Err(Usage(format!(
+            "--motors {name}: write sim, i2c:///dev/i2c-2 or stdin"
+        ))
+        .into()),
+    }
+}
+
+/// uQuad: no flight controller, its own thread.
+fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
+    let Some(imu) = args.imu.clone() else {
+        return Err(Usage(
+            "--airframe uquad needs --imu serial:///dev/... or --imu imu_raw.log".to_owned(),
+        )
+        .into());
+    };
+    let motors = motors(&args.motors)?;
+    let wanted = wanted(&args)?;
+    let plan = Arc::new(match &args.map {
+        Some(path) => load_plan(path)?,
+        None => field()?,
+    });
+    let calibration = match &args.calib {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            Calibration::parse(&text)
+                .with_context(|| format!("cannot use the calibration {}", path.display()))?
+        }
+        None => simulated_calibration(),
+    };
+    // No ring of range finders speaks here yet: there is no position source.
+    if args.uquad.states().is_none() {
+        args.uquad.without_place();
+    }
+    if args.uquad.has_place() {
+        return Err(Usage(
+            "--states 12 needs a position source, and range finder drivers are not built yet"
+                .to_owned(),
+        )
+        .into());
+    }
+    let law = args.uquad.law()?;
+    let mut uquad = args.uquad.config(&law)?;
+    uquad.imu.calibration_frames = args.calibration_frames;
+    let source = imu_source(&imu)?;
+    let Kept {
+        keep,
+        settings,
+        documents,
+        ..
+    } = Kept::open(&args)?;
+    let start = match args.start {
+        Some(StartArg::At(pose)) => Start::Known(pose),
+        Some(StartArg::Unknown) => Start::Unknown,
+        None => Start::Known(plan.home.unwrap_or_default()),
+    };
+    let clock = Clock::start(1.0);
+    let boot_utc_us = clock::utc_us();
+    let mut ground = Ground::new(GroundConfig {
+        us: our_address(&settings),
+        settings: settings.clone(),
+        anchor: plan.anchor(),
+        plan: Arc::clone(&plan),
+        airframe: bridge::uquad::flight::airframe(&uquad.filter.craft),
+        boot_utc_us,
+        documents,
+    });
+    let flight = UquadFlight::new(
+        clock.now(),
+        UquadFlightConfig {
+            plan,
+            ring: None,
+            start,
+            settings,
+            seed: boot_utc_us,
+            calibration,
+            uquad,
+            weights: law.weights(),
+            list: args.uquad.list()?,
+        },
+    )
+    .map_err(|e| Usage(e.to_string()))?;
+    ground.snapshot(clock.now(), flight.snapshot());
+    ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+    let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
+    let handle = uquad_thread::start(flight, source, &motors, args.log_dir.as_deref(), clock)?;
+    let mut terminal = Terminal::new(args.quiet);
+    terminal.line(&format!(
+        "Kestrel {}: uQuad, inertial unit {imu}, motors {}",
+        env!("CARGO_PKG_VERSION"),
+        args.motors
+    ));
+    for link in &links.described {
+        terminal.line(&format!("  MAVLink {link}"));
+    }
+    terminal.line("  No position source: height, heading and tilt are held, the place is not.");
+    GroundLoop {
+        ground,
+        handle,
+        links,
+        console: None,
+        keep,
+        log: None,
+        tap: None,
+        texts_logged: 0,
+        terminal,
+        clock,
+        stop,
+        unanswered: format!("no frame comes from the inertial unit {imu}: check the baud rate"),
+        told: None,
         shows_status: !args.headless,
         waits: args.wait,
     }
@@ -326,7 +546,8 @@ struct GroundLoop {
     terminal: Terminal,
     clock: Clock,
     stop: Stop,
-    fc: Endpoint,
+    /// What to say when nothing is heard.
+    unanswered: String,
     /// What the thread of `--passthrough` tells.
     told: Option<Receiver<String>>,
     shows_status: bool,
@@ -394,6 +615,11 @@ impl GroundLoop {
                     News::LineAbsent(why) => self
                         .terminal
                         .line(&format!("  {why}; trying again until it is there")),
+                    News::RecordingOver => {
+                        self.terminal.line("  the recording is over");
+                        self.terminal.finish();
+                        return Ok(ExitCode::SUCCESS);
+                    }
                     News::LineOpened => {
                         is_open = true;
                         opened_at = now;
@@ -426,10 +652,7 @@ impl GroundLoop {
                 (is_open, was_connected) = (false, true);
             } else if is_open && now.since(opened_at) > FIRST_ANSWER {
                 is_open = false;
-                let why = format!(
-                    "flight controller {} does not answer MSP: check the baud rate and that MSP is enabled on that port",
-                    self.fc
-                );
+                let why = &self.unanswered;
                 if !was_connected && !self.waits {
                     self.terminal.finish();
                     return Err(anyhow!("{why} (--wait asks on)"));

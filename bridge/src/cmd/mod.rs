@@ -24,6 +24,8 @@ pub(crate) mod session;
 pub(crate) mod sim;
 pub(crate) mod stop;
 pub(crate) mod term;
+pub(crate) mod tune;
+pub(crate) mod uquad;
 
 use anyhow::{Context as _, Result};
 use bridge::gcs::camera::VideoStream;

@@ -228,7 +228,7 @@ fn services() -> Vec<(&'static str, Feed)> {
     all.push((
         "operator control",
         Box::new(move |now, from, m, ctx, out| {
-            control.handle(now, from, m, ctx, out);
+            control.handle(now, from, m, out);
             control.tick(now, ctx, out);
             size(&control)
         }),

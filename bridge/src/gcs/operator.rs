@@ -147,7 +147,7 @@ impl OperatorControl {
 
     /// CONTROL_STATUS as it is now.
     #[must_use]
-    pub fn status(&self, ctx: &Context<'_>) -> MavMessage {
+    pub fn status(&self) -> MavMessage {
         let mut flags = GcsControlStatusFlags::GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER;
         flags.set(
             GcsControlStatusFlags::GCS_CONTROL_STATUS_FLAGS_TAKEOVER_ALLOWED,
@@ -166,7 +166,6 @@ impl OperatorControl {
         now: Timestamp,
         from: Peer,
         message: &Message,
-        ctx: &Context<'_>,
         out: &mut Outbox,
     ) -> bool {
         let command = match message {
@@ -182,7 +181,7 @@ impl OperatorControl {
         };
         if command.number == cmd::REQUEST_MESSAGE && command.whole(1) == Some(CONTROL_STATUS) {
             commands::ack(from, command.number, result::ACCEPTED, out);
-            out.send(Destination::All, self.status(ctx));
+            out.send(Destination::All, self.status());
             return true;
         }
         if command.number != cmd::REQUEST_OPERATOR_CONTROL {
@@ -192,7 +191,7 @@ impl OperatorControl {
         let result = self.asked(now, from, &command, out);
         commands::ack(from, command.number, result, out);
         if before != self.owner {
-            self.tell(now, ctx, out);
+            self.tell(now, out);
         }
         true
     }
@@ -315,7 +314,7 @@ impl OperatorControl {
             format!("System {system} lost: control is free"),
         );
         self.grant_waiting(now, out);
-        self.tell(now, ctx, out);
+        self.tell(now, out);
     }
 
     fn grant_waiting(&mut self, now: Timestamp, out: &mut Outbox) {
@@ -337,13 +336,13 @@ impl OperatorControl {
         {
             self.lose(now, owner, ctx, out);
         } else if now >= self.next_status && (self.owner.is_some() || !is_open(ctx)) {
-            self.tell(now, ctx, out);
+            self.tell(now, out);
         }
     }
 
-    fn tell(&mut self, now: Timestamp, ctx: &Context<'_>, out: &mut Outbox) {
+    fn tell(&mut self, now: Timestamp, out: &mut Outbox) {
         self.next_status = now + PERIOD;
-        out.send(Destination::All, self.status(ctx));
+        out.send(Destination::All, self.status());
     }
 }
 
@@ -397,11 +396,10 @@ mod tests {
 
         fn ask(&mut self, system: u8, action: u8, takeover: u8) -> u8 {
             self.out = Outbox::default();
-            let ctx = self.bench.ctx();
             let message = request(action, takeover);
             assert!(
                 self.control
-                    .handle(self.now, station(system), &message, &ctx, &mut self.out)
+                    .handle(self.now, station(system), &message, &mut self.out)
             );
             let acks: Vec<u8> = self
                 .out
@@ -422,9 +420,8 @@ mod tests {
 
         fn beat(&mut self, system: u8) {
             let beat = Message::Raw(raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA::default()));
-            let ctx = self.bench.ctx();
             self.control
-                .handle(self.now, station(system), &beat, &ctx, &mut self.out);
+                .handle(self.now, station(system), &beat, &mut self.out);
         }
 
         fn tick(&mut self, ms: u64) {
@@ -541,10 +538,8 @@ mod tests {
             param4: 77.0,
             ..Default::default()
         };
-        let ctx = t.bench.ctx();
         let message = raw::MavMessage::COMMAND_LONG(forged).into();
-        t.control
-            .handle(t.now, station(245), &message, &ctx, &mut t.out);
+        t.control.handle(t.now, station(245), &message, &mut t.out);
         assert_eq!(t.control.main_system(), 0);
     }
 

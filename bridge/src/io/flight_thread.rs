@@ -31,9 +31,9 @@ use std::time::Duration;
 use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
-const REQUESTS: usize = 256;
+pub(super) const REQUESTS: usize = 256;
 /// Answers and events that wait for the ground at most.
-const NEWS: usize = 1024;
+pub(super) const NEWS: usize = 1024;
 /// Pause before a lost line is opened again.
 const REOPEN: Duration = Duration::from_millis(500);
 /// Bytes taken from the kernel at once.
@@ -56,6 +56,8 @@ pub enum News {
     LineAbsent(String),
     /// The line is open.
     LineOpened,
+    /// The recording that stood for a line is over.
+    RecordingOver,
 }
 
 /// The ground's end of the door.
@@ -120,6 +122,23 @@ fn lending(wake: &Arc<OwnedFd>) -> (Lender, Borrower) {
 }
 
 impl FlightHandle {
+    /// Of a thread whose line nobody may borrow.
+    pub(super) fn without_line(
+        requests: SyncSender<Asked>,
+        wake: Arc<OwnedFd>,
+        news: Receiver<News>,
+        snapshot: Arc<Mutex<Snapshot>>,
+    ) -> Self {
+        Self {
+            requests,
+            wake,
+            news,
+            snapshot,
+            insight: Arc::default(),
+            borrower: None,
+        }
+    }
+
     /// Who may have the line for a while; once.
     pub const fn take_borrower(&mut self) -> Option<Borrower> {
         self.borrower.take()
@@ -218,7 +237,7 @@ pub fn start(
     Ok(handle)
 }
 
-fn wake_up(wake: &OwnedFd) {
+pub(super) fn wake_up(wake: &OwnedFd) {
     let _ = rustix::io::write(wake, &1u64.to_ne_bytes());
 }
 

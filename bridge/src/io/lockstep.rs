@@ -246,10 +246,15 @@ impl Lockstep {
 
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
+        self.ask(Request::ShutDown);
+    }
+
+    /// A request of this program itself; its answer goes to nobody.
+    pub fn ask(&mut self, request: Request) {
         let asked = Asked {
             id: RequestId(0),
             station: Station::default(),
-            request: Request::ShutDown,
+            request,
         };
         self.feed(Input::Asked(asked));
     }

@@ -15,6 +15,8 @@
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
 //! | [`logger`] | flight logs on disk, by a thread of their own |
+//! | [`uquad_thread`] | uQuad for real: the thread of its inertial unit, the thread of its motors |
+//! | [`uquad_lockstep`] | uQuad in the simulator: inertial unit, motor driver, aircraft, in one thread |
 //! | [`folder`] | flight logs and uploads on disk, safe from names and links |
 //! | [`keep`] | documents on disk, written atomically |
 
@@ -34,3 +36,5 @@ pub mod realtime;
 pub mod route;
 pub mod timer;
 pub mod truth;
+pub mod uquad_lockstep;
+pub mod uquad_thread;

@@ -297,6 +297,17 @@ impl Navigator {
         Ok(())
     }
 
+    /// Whether the vehicle can be at all of these places, m.
+    ///
+    /// # Errors
+    /// [`RouteError`] of the first where it cannot.
+    pub fn check_places(&self, places: impl Iterator<Item = In<Ned>>) -> Result<(), RouteError> {
+        for place in places {
+            self.router.check_place(self.anchor.to_map(place))?;
+        }
+        Ok(())
+    }
+
     /// Hovers at a place without a way: where the vehicle is, or close to it. Never refused.
     pub fn hold(&mut self, position: In<Ned>, heading: Option<f64>, nav: &NavState) {
         let position = if position.is_finite() {

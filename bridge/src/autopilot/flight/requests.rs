@@ -300,6 +300,7 @@ impl Flight {
             Request::SetMode(_)
             | Request::Takeoff { .. }
             | Request::GoTo(_)
+            | Request::Figure(_)
             | Request::StartMission { .. }
                 if self.handover.steering() == Steering::Offered =>
             {

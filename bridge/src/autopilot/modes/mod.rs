@@ -5,6 +5,7 @@
 
 pub mod climb;
 pub mod descent;
+pub mod figure;
 pub mod hold;
 pub mod homeward;
 pub mod keys;

@@ -235,6 +235,11 @@ impl Offboard {
             Heading::Yaw(yaw) => Some(yaw),
             Heading::Rate(_) => None,
         };
+        if !c.params.offboard_avoid && c.nav.health.position {
+            // Who has switched avoidance off flies straight, and answers for the way.
+            self.routed_to = None;
+            return Setpoint::Hover { position, heading };
+        }
         let near = (position - c.nav.position).norm_xy() < NEAR_M;
         let moved = self
             .routed_to

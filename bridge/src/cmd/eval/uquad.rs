@@ -261,7 +261,7 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
 
 /// Rows of a log in either format, and the lines that are none with their reasons. Text frames of the board carry no host
 /// time: theirs is the board's.
-fn read_rows(text: &str) -> (Vec<LogRow>, Vec<String>) {
+pub(super) fn read_rows(text: &str) -> (Vec<LogRow>, Vec<String>) {
     let mut rows = Vec::new();
     let mut board_us = 0;
     let mut refused = Vec::new();

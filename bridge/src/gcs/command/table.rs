@@ -8,8 +8,9 @@ use super::super::params::Identity;
 use super::super::place::Place;
 use super::super::{Context, Destination, Outbox, Peer, keys, origin};
 use super::Streams;
-use crate::autopilot::door::{MotorTurn, Sensor};
-use crate::autopilot::door::{GoTo, Request, Severity};
+use crate::autopilot::door::{
+    FigureNose, FigureRequest, GoTo, MotorTurn, Request, Sensor, Severity,
+};
 use crate::autopilot::mode::Mode;
 use mavlink_dialect::command::{self, Command, cmd, result};
 use mavlink_dialect::mission_item::{Frame, Point};
@@ -71,6 +72,8 @@ pub(super) fn verdict(
         cmd::NAV_RETURN_TO_LAUNCH => Ask(Request::SetMode(Mode::Return)),
         cmd::NAV_LOITER_UNLIM => Ask(Request::Stop),
         cmd::DO_REPOSITION => reposition(c, ctx),
+        cmd::DO_ORBIT => orbit(c, ctx),
+        cmd::DO_FIGURE_EIGHT => figure_eight(c, ctx),
         cmd::MISSION_START => match c.param(1).unwrap_or(0.0).max(0.0) {
             first if first <= 65_535.0 => Ask(Request::StartMission {
                 first: first.round() as u16,
@@ -321,6 +324,65 @@ fn reposition(c: &Command, ctx: &Context<'_>) -> Verdict {
     }))
 }
 
+/// Radius of an orbit that names none, m.
+const ORBIT_RADIUS_M: f32 = 1.0;
+
+/// Radius (negative: counter-clockwise), speed, ORBIT_YAW_BEHAVIOUR, angle in rad (0 or none: for ever), centre.
+fn orbit(c: &Command, ctx: &Context<'_>) -> Verdict {
+    let Some(place) = Place::from_point(&c.point, ctx) else {
+        return Done(result::UNSUPPORTED_MAV_FRAME);
+    };
+    if let Some(n) = c.point.invalid_param() {
+        return denied(format!("parameter {n} cannot be used"));
+    }
+    let radius_m = f64::from(c.param(1).unwrap_or(ORBIT_RADIUS_M));
+    let nose = match c.whole(3) {
+        None | Some(0) => FigureNose::Centre,
+        Some(1 | 2 | 5) => FigureNose::Initial,
+        Some(3) => FigureNose::Tangent,
+        Some(_) => return unsupported("this yaw behaviour of an orbit is not flown"),
+    };
+    let rounds = c
+        .param(4)
+        .map(|rad| f64::from(rad) / core::f64::consts::TAU)
+        .filter(|rounds| *rounds != 0.0);
+    Ask(Request::Figure(FigureRequest {
+        north_m: place.north_m,
+        east_m: place.east_m,
+        down_m: place.down_m,
+        radius_m: radius_m.abs(),
+        is_clockwise: radius_m > 0.0,
+        speed_mps: c.param(2).map(f64::from).filter(|v| *v > 0.0),
+        rounds,
+        nose,
+        ..FigureRequest::default()
+    }))
+}
+
+/// Long radius (negative: the end in the direction of the axis counter-clockwise), short radius, -, direction of the axis in rad, centre.
+fn figure_eight(c: &Command, ctx: &Context<'_>) -> Verdict {
+    let Some(place) = Place::from_point(&c.point, ctx) else {
+        return Done(result::UNSUPPORTED_MAV_FRAME);
+    };
+    if let Some(n) = c.point.invalid_param() {
+        return denied(format!("parameter {n} cannot be used"));
+    }
+    let (Some(major_m), Some(minor_m)) = (c.param(1), c.param(2)) else {
+        return denied("parameters 1 and 2 must be the two radii");
+    };
+    Ask(Request::Figure(FigureRequest {
+        north_m: place.north_m,
+        east_m: place.east_m,
+        down_m: place.down_m,
+        radius_m: f64::from(major_m).abs(),
+        minor_m: Some(f64::from(minor_m).abs()),
+        axis_rad: f64::from(c.param(4).unwrap_or(0.0)),
+        is_clockwise: major_m > 0.0,
+        nose: FigureNose::Tangent,
+        ..FigureRequest::default()
+    }))
+}
+
 fn change_speed(c: &Command, ctx: &Context<'_>) -> Verdict {
     let fastest = ctx.settings.control.xy_vel_max;
     match c.param(2).map(f64::from) {
@@ -438,6 +500,8 @@ pub(in super::super) fn label(c: &Command) -> &'static str {
         cmd::NAV_RETURN_TO_LAUNCH => "Return",
         cmd::DO_SET_MODE | cmd::DO_SET_STANDARD_MODE => "Mode",
         cmd::DO_REPOSITION => "Go-to",
+        cmd::DO_ORBIT => "Orbit",
+        cmd::DO_FIGURE_EIGHT => "Figure eight",
         cmd::MISSION_START => "Mission start",
         cmd::DO_SET_MISSION_CURRENT => "Mission item",
         cmd::DO_CHANGE_SPEED => "Speed",

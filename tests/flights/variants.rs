@@ -1,0 +1,176 @@
+//! The laws that fly from set point to sticks, over the fake controller: the cascade, LQR, SNSI's family.
+
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
+use bridge::autopilot::door::{
+    Asked, GoTo, OffboardFrame, OffboardSetpoint, Request, RequestId, Station,
+};
+use bridge::autopilot::io::Input;
+use flight_tests::{Flight, Scenario, modes};
+use vehicle::angle::wrap_pi;
+
+fn hovering(variant: &str, seed: u64, height_m: f64) -> Flight {
+    let mut f = Scenario::office()
+        .seed(seed)
+        .param("KST_CTL_VARIANT", variant)
+        .param("KST_OFFB_AVOID", "0")
+        .start();
+    f.take_off(height_m);
+    f.wait_s(8.0);
+    f
+}
+
+fn ask(f: &mut Flight, request: Request) {
+    let asked = Asked {
+        id: RequestId(0),
+        station: Station::default(),
+        request,
+    };
+    let now = f.now();
+    f.world.flight.handle(now, Input::Asked(asked));
+}
+
+/// Root mean square about a place, m.
+fn rms(f: &mut Flight, place: vehicle::In<vehicle::Ned>, seconds: f64) -> f64 {
+    let (mut square, mut n) = (0.0, 0.0);
+    for _ in 0..(seconds / 0.02) as u32 {
+        f.wait_s(0.02);
+        square += (f.truth().position - place).norm().powi(2);
+        n += 1.0;
+    }
+    f64::sqrt(square / n)
+}
+
+/// A step of the off-board set point: overshoot as a share, and time until it stays within 5 cm of where it comes to rest.
+fn step(f: &mut Flight, north_m: f64) -> (f64, f64) {
+    let start = f.truth().position;
+    let (mut path, mut t) = (Vec::new(), 0.0);
+    let nav = f.snapshot().nav.position;
+    let (to, yaw) = (nav.x() + north_m, f.snapshot().nav.yaw_rad());
+    for i in 0..800 {
+        if i % 10 == 0 {
+            ask(
+                f,
+                Request::Offboard(OffboardSetpoint::Motion {
+                    frame: OffboardFrame::Local,
+                    position: [Some(to), Some(nav.y()), Some(nav.z())],
+                    velocity: [None; 3],
+                    yaw_rad: Some(yaw),
+                    yaw_rate_radps: None,
+                }),
+            );
+            if i == 0 {
+                ask(f, Request::SetMode(bridge::autopilot::mode::Mode::Offboard));
+            }
+        }
+        f.wait_s(0.01);
+        t += 0.01;
+        path.push((t, f.truth().position - start));
+    }
+    // Localization has its own error: the step is judged by where it ends.
+    let tail = &path[600..];
+    let end = tail.iter().map(|(_, p)| p.x()).sum::<f64>() / tail.len() as f64;
+    let most = path.iter().map(|(_, p)| p.x() / end).fold(0.0, f64::max);
+    let settled = path
+        .iter()
+        .filter(|(_, p)| (p.x() - end).abs() > 0.05)
+        .map(|(t, _)| *t)
+        .fold(0.0, f64::max);
+    (most - 1.0, settled)
+}
+
+#[test]
+fn cascade_and_lqr_hover_within_five_centimetres_and_step_without_overshoot() {
+    println!("FIGURES hover 60 s and 1 m step over the fake controller (office, tof32, flow)");
+    for variant in ["cascade", "lqr"] {
+        let mut f = hovering(variant, 1, 1.0);
+        // What localization believes is another test's; the hover is judged by its own mean place.
+        let place = vehicle::In::new(0.0, 0.0, -1.0);
+        let hover = rms(&mut f, place, 60.0);
+        let (overshoot, settled) = step(&mut f, 1.0);
+        println!(
+            " {variant}: hover {hover:.3} m RMS, step: overshoot {:.1} %, within 5 cm after {settled:.2} s",
+            100.0 * overshoot
+        );
+        f.assert(hover <= 0.05, &format!("{variant}: hover {hover:.3} m"));
+        f.assert(
+            overshoot < 0.10,
+            &format!("{variant}: overshoot {overshoot:.3}"),
+        );
+        f.assert(settled < 3.0, &format!("{variant}: {settled:.2} s"));
+        f.assert(f.truth().contacts == 0, "touched something");
+    }
+    println!("END");
+}
+
+#[test]
+fn snsi_holds_eighty_centimetres_for_a_minute_leans_to_eight_degrees_and_turns_the_short_way() {
+    let mut f = hovering("snsi", 1, 0.8);
+    let mut worst = 0.0_f64;
+    for _ in 0..3000 {
+        f.wait_s(0.02);
+        worst = worst.max((f.truth().position.z() + 0.8).abs());
+    }
+    // 90 degrees the short way: across south if need be.
+    let yaw = f.truth().attitude.yaw();
+    let to = wrap_pi(yaw - core::f64::consts::FRAC_PI_2);
+    ask(
+        &mut f,
+        Request::GoTo(GoTo {
+            yaw_rad: Some(to),
+            ..GoTo::default()
+        }),
+    );
+    let (mut turned, mut last, mut back) = (0.0, yaw, 0.0_f64);
+    for _ in 0..400 {
+        f.wait_s(0.02);
+        let now = f.truth().attitude.yaw();
+        turned += wrap_pi(now - last);
+        back = back.max(turned);
+        last = now;
+    }
+    let missing = wrap_pi(to - last).abs();
+    // Inclination 0 -> 8 degrees: a velocity it cannot reach at once.
+    let mut most = 0.0_f64;
+    let nav = f.snapshot().nav;
+    let (s, c) = nav.yaw_rad().sin_cos();
+    for i in 0..60 {
+        if i % 5 == 0 {
+            ask(
+                &mut f,
+                Request::Offboard(OffboardSetpoint::Motion {
+                    frame: OffboardFrame::Local,
+                    position: [None, None, Some(-0.8)],
+                    velocity: [Some(1.5 * c), Some(1.5 * s), None],
+                    yaw_rad: Some(nav.yaw_rad()),
+                    yaw_rate_radps: None,
+                }),
+            );
+            if i == 0 {
+                ask(
+                    &mut f,
+                    Request::SetMode(bridge::autopilot::mode::Mode::Offboard),
+                );
+            }
+        }
+        f.wait_s(0.02);
+        let (_, pitch, _) = f.truth().attitude.roll_pitch_yaw();
+        most = most.max((-pitch).to_degrees());
+    }
+    println!(
+        "FIGURES\nSNSI over the fake: 80 cm within {:.1} cm for 60 s; 90 degrees left: {:.1} missing, {:.1} to the other side; inclination {most:.1} of 8 degrees within 1.2 s\nEND",
+        100.0 * worst,
+        missing.to_degrees(),
+        back.to_degrees()
+    );
+    f.assert(worst <= 0.10, &format!("{worst:.3} m"));
+    f.assert(missing < 0.1 && back < 0.1 && turned < -1.4, "the turn");
+    f.assert((6.5..10.5).contains(&most), &format!("{most:.1} degrees"));
+    assert_eq!(f.set_mode(modes::LAND), 0);
+    f.until_down(20.0);
+    f.assert(f.truth().contacts == 0, "touched something");
+}
