@@ -111,7 +111,7 @@ pub fn from_drawing(bytes: &[u8], marks: &Marks) -> Result<FloorPlan, DrawingErr
     let cell_m = marks.resolution_m;
     let size = |px: usize| libm::ceil(px as f64 * page.m_per_px / cell_m - 1e-9).max(1.0);
     let (columns, rows) = (size(width), size(height));
-    if !(columns * rows <= super::MAX_PIXELS as f64) {
+    if columns * rows > super::MAX_PIXELS as f64 {
         return Err(PlanError::TooLarge {
             pixels: (columns * rows) as u64,
         }
