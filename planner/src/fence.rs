@@ -221,7 +221,7 @@ mod tests {
         fn room_is_the_distance_to_the_outline(x in -3.0..3.0f64, y in -3.0..3.0f64, r in 0.2..2.0f64) {
             for shape in [Shape::Circle([0.3, -0.2], r), Shape::Polygon(vec![[-r, -1.0], [r, -1.0], [0.0, 1.5]])] {
                 let mut nearest = f64::INFINITY;
-                shape.outline(0.005, |p| nearest = nearest.min((p[0] - x).hypot(p[1] - y)));
+                shape.outline(0.005, |p| nearest = nearest.min(libm::hypot(p[0] - x, p[1] - y)));
                 prop_assert!((shape.inside_m([x, y]).abs() - nearest).abs() < 0.01);
             }
         }
