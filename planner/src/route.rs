@@ -350,12 +350,12 @@ impl Router {
         self.find_around(from, to, obstacles)
     }
 
-    /// The straight line between two places that both lie within the margin of a wall: whoever flies from the one to the other,
-    /// as a sweep along a wall does, means that line. None if something is nearer to it than the hull needs.
+    /// The straight line between two places of which one lies within the margin of a wall: whoever flies there, as a sweep along
+    /// a wall does, means that line. None if something is nearer to it than the hull needs.
     fn straight(&mut self, from: In<Map>, to: In<Map>, obstacles: &[In<Map>]) -> Option<Path> {
         let keep_m = self.radius_m + SEEN_TIGHT_M - 0.5 * self.grid.cell_m;
         let is_close = |p: In<Map>| self.clearance_m(p).is_some_and(|d| d < self.reach_m);
-        if self.is_fence_off || !(is_close(from) && is_close(to)) {
+        if self.is_fence_off || !(is_close(from) || is_close(to)) {
             return None;
         }
         let length = libm::hypot(to.x() - from.x(), to.y() - from.y());

@@ -9,7 +9,7 @@
 use bridge::autopilot::mode::Mode;
 use bridge::station::{return_home, take_off, waypoint};
 use flight_tests::{Flight, Scenario, modes};
-use mavlink_dialect::raw::MISSION_ITEM_INT_DATA as Item;
+use mavlink_dialect::raw::{self, MISSION_ITEM_INT_DATA as Item};
 
 const FENCE: u8 = 1;
 const RALLY: u8 = 2;
@@ -194,6 +194,63 @@ fn no_fly_zones_of_the_plan_are_flown_round_and_refused_as_goals() {
     f.assert(inside == 0, "it flew over the zone");
 }
 
+/// Full stick to the right in Position mode for some seconds; the farthest east it came, m.
+fn push_east(f: &mut Flight, seconds: f64) -> f64 {
+    let stick = raw::MANUAL_CONTROL_DATA {
+        target: 1,
+        y: 1000,
+        z: 500,
+        ..Default::default()
+    };
+    f.station.send(&stick);
+    f.wait_s(0.1);
+    assert_eq!(f.set_mode(modes::POSITION), 0);
+    let until_s = f.now().s() + seconds;
+    while f.now().s() < until_s {
+        f.station.send(&stick);
+        f.wait_s(0.04);
+    }
+    f.rows.iter().map(|r| r.position[1]).fold(0.0, f64::max)
+}
+
+#[test]
+fn full_stick_at_a_no_fly_zone_and_at_the_fence_stops_before_them() {
+    let mut farthest_m = [0.0_f64; 2];
+    for seed in 1..=5 {
+        // Home is at 2.6, 2.05 heading north: the zone begins 1.2 m to the right.
+        let zone = [[3.8, 0.9], [4.6, 0.9], [4.6, 3.2], [3.8, 3.2]];
+        let mut f = Scenario::office().seed(seed).no_fly(&zone).start();
+        f.take_off(1.0);
+        f.wait_s(1.0);
+        let east_m = push_east(&mut f, 6.0);
+        farthest_m[0] = farthest_m[0].max(east_m);
+        f.assert(
+            east_m > 0.4 && east_m < 1.2,
+            &format!("{east_m:.2} m of 1.20 m"),
+        );
+
+        let mut f = Scenario::office().seed(seed).start();
+        f.until("armable", 20.0, |f| f.station.heard().is_armable);
+        let fence = polygon(5001, &[[-1.5, -1.5], [1.5, -1.5], [1.5, 1.2], [-1.5, 1.2]]);
+        assert_eq!(f.upload_list(FENCE, fence), 0);
+        f.take_off(1.0);
+        f.wait_s(1.0);
+        let east_m = push_east(&mut f, 4.0);
+        farthest_m[1] = farthest_m[1].max(east_m);
+        f.assert(
+            east_m > 0.4 && east_m < 1.2,
+            &format!("{east_m:.2} m of 1.20 m"),
+        );
+        f.assert(says(&f, "Fence ahead: Hold"), "it is not said");
+        let (outside, breaches) = f.station.heard().fence.unwrap();
+        f.assert(outside == 0 && breaches >= 1, "FENCE_STATUS does not tell");
+    }
+    println!(
+        "FENCE full stick, border at 1.20 m, 5 seeds: no-fly zone {:.2} m, fence {:.2} m",
+        farthest_m[0], farthest_m[1]
+    );
+}
+
 #[test]
 fn return_takes_the_nearest_rally_point() {
     let mut f = Scenario::office().start();
@@ -258,7 +315,6 @@ fn with_the_direct_way_home_blocked_it_returns_the_way_it_came() {
 #[test]
 fn a_mission_stops_for_the_battery_and_resumes_with_a_new_one() {
     let mut f = Scenario::office()
-        .charge(0.5)
         .param("BAT_LOW_THR", "18")
         .param("KST_BAT_RESERVE", "0")
         .start();
@@ -306,12 +362,12 @@ fn a_mission_stops_for_the_battery_and_resumes_with_a_new_one() {
 #[test]
 fn the_reserve_rule_turns_back_in_time_and_the_time_left_is_told() {
     let mut f = Scenario::office()
-        .charge(0.22)
         .param("BAT_LOW_THR", "0")
         .param("BAT1_CAPACITY", "1500")
         .param("KST_BAT_RESERVE", "580")
         .start();
     f.take_off(1.0);
+    f.world.simulator.set_charge(0, 0.75);
     f.wait_s(5.0);
     let told_s = f.station.heard().battery_left_s;
     let b = f.snapshot().battery.unwrap();

@@ -121,7 +121,8 @@ fn waypoints_are_passed_held_and_faced() {
         ),
     );
     f.assert(passes[0] <= NEAR_M, "the held waypoint was missed");
-    f.assert(passes[1] <= NEAR_M, "the passed waypoint was missed");
+    // Passed without a stop: the acceptance radius and the error of the estimate.
+    f.assert(passes[1] <= 0.15, "the passed waypoint was missed");
     f.assert(held_s >= 4.0 && faced < 10.0, "not held or not faced");
     f.assert((height_m - 1.2).abs() < 0.15, "not at its height");
 }
@@ -412,7 +413,8 @@ fn what_cannot_be_flown_is_refused_with_item_and_reason() {
     for (name, item, expected, words) in cases {
         let heard = f.station.heard().texts.len();
         let result = f.upload(vec![take_off(1.0), item, return_home()]);
-        f.wait_s(0.3);
+        // Until the last repeat of the answer has come.
+        f.wait_s(1.2);
         // Long texts come in pieces.
         let text = f.station.heard().texts[heard..].concat();
         say(name, &format!("{result}: {text}"));

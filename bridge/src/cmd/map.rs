@@ -157,7 +157,7 @@ pub(crate) fn run(args: MapArgs) -> Result<ExitCode> {
 fn report(name: &str, plan: &FloorPlan, radius_m: f64) -> usize {
     let found = check(plan, radius_m);
     for finding in &found {
-        term::complain(&format!("warning: {name}: {finding}"));
+        term::warn(&format!("{name}: {finding}"));
     }
     found.len()
 }
@@ -317,6 +317,7 @@ fn import(args: &ImportArgs) -> Result<ExitCode> {
         "wrote {name} and {image}{}",
         match warnings {
             0 => String::new(),
+            1 => ", with a warning: see above".to_owned(),
             n => format!(", with {n} warnings: see above"),
         }
     );

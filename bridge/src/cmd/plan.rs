@@ -110,7 +110,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<ExitCode> {
     let anchor = plan.anchor();
     let radius_m = Airframe::default().radius_m;
     for finding in check(&plan, radius_m) {
-        super::term::complain(&format!("warning: {}: {finding}", args.map));
+        super::term::warn(&format!("{}: {finding}", args.map));
     }
     let start = anchor.to_map(In::zero());
     let made = if args.coverage {

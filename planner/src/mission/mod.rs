@@ -111,7 +111,7 @@ struct Begun {
     /// Set when the place is reached: from then on a heading is waited for.
     there_since: Option<Timestamp>,
     at: Timestamp,
-    /// Distance to a place that is only passed, at the last step within its radius, m.
+    /// Smallest distance so far to a place that is only passed, within its radius, m.
     passing_m: Option<f64>,
     /// A turn with a given way round: what is left of it, clockwise +, and the heading when that was counted, rad.
     turn_left: Option<(f64, f64)>,
@@ -497,9 +497,12 @@ impl Mission {
 
 /// A place inside its radius is passed when it is near, or no longer comes nearer: waiting for that costs a blink and halves
 /// the distance at which corners are cut.
-fn is_passed(passing_m: &mut Option<f64>, off_m: f64, radius_m: f64) -> bool {
-    let was_m = passing_m.replace(off_m);
-    off_m <= 0.5 * radius_m || was_m.is_some_and(|m| off_m > m - 1e-3)
+fn is_passed(nearest_m: &mut Option<f64>, off_m: f64, radius_m: f64) -> bool {
+    /// Farther than the nearest by this much is going away, not the estimate's tremble, m.
+    const AWAY_M: f64 = 0.015;
+    let least_m = nearest_m.map_or(off_m, |m| m.min(off_m));
+    *nearest_m = Some(least_m);
+    off_m <= 0.5 * radius_m || off_m > least_m + AWAY_M
 }
 
 #[cfg(test)]

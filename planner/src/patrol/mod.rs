@@ -35,6 +35,8 @@ pub mod lanes;
 pub mod rooms;
 pub mod spanning_tree;
 pub mod sweep;
+#[cfg(test)]
+mod tests;
 pub mod tour;
 
 pub use floor::Floor;

@@ -71,7 +71,7 @@ pub fn sweep(
     method: Method,
 ) -> Result<Sweep, PatrolError> {
     let least_m = 4.0 * plan.resolution_m();
-    if !(config.swath_m >= least_m && config.swath_m <= 5.0) {
+    if !(least_m..=5.0).contains(&config.swath_m) {
         return Err(PatrolError::Swath {
             swath_m: config.swath_m,
             least_m,
