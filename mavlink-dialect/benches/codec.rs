@@ -26,9 +26,11 @@ impl Dice {
     }
 }
 
+type Make = fn(&mut Dice) -> Message;
+
 /// 64 slots: how many of each message, spread evenly.
 fn mix() -> Vec<Message> {
-    let kinds: [(usize, fn(&mut Dice) -> Message); 13] = [
+    let kinds: [(usize, Make); 13] = [
         (1, |_| {
             Message::Raw(raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA {
                 mavtype: 2,
@@ -224,7 +226,9 @@ fn main() {
     });
     let mut count = || {
         for chunk in stream.chunks(1_400) {
-            decoder.push(chunk, |frame| drop(black_box(frame)));
+            decoder.push(chunk, |frame| {
+                black_box(frame);
+            });
         }
         for m in &messages {
             black_box(encoder.encode_message(m));
@@ -275,14 +279,14 @@ fn garbage(messages: &[Message], us: Address) {
     let (mut stream, mut good) = (Vec::new(), Vec::new());
     for m in messages {
         let mut frame = encoder.encode_message(m);
-        if dice.next() % 100 == 0 {
+        if dice.next().is_multiple_of(100) {
             let at = dice.next() as usize % (frame.len() - 10) + 10;
             frame[at] ^= 1 << (dice.next() % 8);
         } else {
             good.push(frame[4]);
         }
         for _ in 0..frame.len() {
-            if dice.next() % 20 == 0 {
+            if dice.next().is_multiple_of(20) {
                 // No start byte: what begins like a frame may swallow the next one on a stream, by the protocol.
                 let byte = dice.next() as u8;
                 stream.push(if byte >= 0xFD { 0 } else { byte });

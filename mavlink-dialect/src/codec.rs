@@ -17,6 +17,8 @@ use mavlink::{MavlinkVersion, MessageData};
 const STX_V1: u8 = 0xFE;
 const STX_V2: u8 = 0xFD;
 const SIGNED: u8 = 0x01;
+/// Bytes before the payload in version 2.
+const HEADER_LEN: usize = 10;
 /// Longest frame: v2, 255 bytes of payload, signed.
 pub const MAX_FRAME_LEN: usize = 10 + 255 + 2 + SIGNATURE_LEN;
 
@@ -83,6 +85,7 @@ impl FrameView<'_> {
     ///
     /// # Errors
     /// The payload holds an enumeration value the dialect does not know.
+    #[inline]
     pub fn message(&self) -> Result<Message, ParserError> {
         Message::parse(self.version, self.id, self.payload)
     }
@@ -112,7 +115,17 @@ impl Decoder {
 
     /// Takes more bytes; calls `frame` for each frame they complete.
     pub fn push(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame)) {
-        self.push_wire(bytes, |f, _| frame(f));
+        let mut bad_payload = 0;
+        self.push_views(bytes, |view| match view.message() {
+            Ok(message) => frame(Frame {
+                from: view.from,
+                sequence: view.sequence,
+                is_signed: view.is_signed,
+                message,
+            }),
+            Err(_) => bad_payload += 1,
+        });
+        self.note_bad(bad_payload);
     }
 
     /// [`Decoder::push`], with each frame's bytes as they came: what [`crate::signing`] judges.
@@ -188,6 +201,7 @@ fn take_frames(
 }
 
 /// Parses a frame and hands it out, or counts it.
+#[inline]
 fn open(view: &FrameView<'_>, bad_payload: &mut u64, frame: &mut impl FnMut(Frame, &[u8])) {
     match view.message() {
         Ok(message) => frame(
@@ -203,6 +217,7 @@ fn open(view: &FrameView<'_>, bad_payload: &mut u64, frame: &mut impl FnMut(Fram
     }
 }
 
+#[inline]
 fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
     let Some(&stx) = bytes.first() else {
         return Scan::Wait;
@@ -295,17 +310,16 @@ impl Encoder {
 
     /// One message of a known type as a frame.
     pub fn encode<D: MessageData>(&mut self, message: &D) -> FrameBytes {
-        let mut payload = [0u8; 255];
-        let n = message.ser(MavlinkVersion::V2, &mut payload);
-        self.frame(D::ID, D::EXTRA_CRC, &payload[..n], 0)
+        self.frame(D::ID, D::EXTRA_CRC, 0, |payload| {
+            message.ser(MavlinkVersion::V2, payload)
+        })
     }
 
     /// One message as a frame.
     pub fn encode_message(&mut self, message: &Message) -> FrameBytes {
-        let mut payload = [0u8; 255];
-        let n = message.write_payload(&mut payload);
         let id = message.id();
-        self.frame(id, Message::crc_extra(id).unwrap_or(0), &payload[..n], 0)
+        let extra = Message::crc_extra(id).unwrap_or(0);
+        self.frame(id, extra, 0, |payload| message.write_payload(payload))
     }
 
     /// One message as a signed frame; `stamp` is from [`SigningState::stamp`](crate::signing::SigningState::stamp).
@@ -316,11 +330,9 @@ impl Encoder {
         link_id: u8,
         stamp: u64,
     ) -> FrameBytes {
-        let mut payload = [0u8; 255];
-        let n = message.write_payload(&mut payload);
         let id = message.id();
         let extra = Message::crc_extra(id).unwrap_or(0);
-        let mut out = self.frame(id, extra, &payload[..n], SIGNED);
+        let mut out = self.frame(id, extra, SIGNED, |payload| message.write_payload(payload));
         out.push(link_id);
         out.extend(stamp.to_le_bytes().into_iter().take(6));
         let tag = key.tag(&out);
@@ -328,11 +340,21 @@ impl Encoder {
         out
     }
 
-    fn frame(&mut self, id: u32, crc_extra: u8, payload: &[u8], flags: u8) -> FrameBytes {
+    /// The payload is written where it goes out from.
+    fn frame(
+        &mut self,
+        id: u32,
+        crc_extra: u8,
+        flags: u8,
+        write: impl FnOnce(&mut [u8; 255]) -> usize,
+    ) -> FrameBytes {
+        let mut bytes = [0u8; MAX_FRAME_LEN];
+        let (header, rest) = bytes.split_at_mut(HEADER_LEN);
+        let n = rest.first_chunk_mut::<255>().map_or(0, write);
         let [id0, id1, id2, _] = id.to_le_bytes();
-        let header = [
+        header.copy_from_slice(&[
             STX_V2,
-            payload.len() as u8,
+            n as u8,
             flags,
             0,
             self.sequence,
@@ -341,15 +363,13 @@ impl Encoder {
             id0,
             id1,
             id2,
-        ];
+        ]);
         self.sequence = self.sequence.wrapping_add(1);
-        let sum = crc::update(crc::update(crc::INIT, &header[1..]), payload);
-        let sum = crc::update(sum, &[crc_extra]).to_le_bytes();
-        let mut out = FrameBytes::new();
-        // 10 + 255 + 2 bytes at most: it fits, whole slices at a time.
-        let _ = out.try_extend_from_slice(&header);
-        let _ = out.try_extend_from_slice(payload);
-        let _ = out.try_extend_from_slice(&sum);
+        let end = HEADER_LEN + n;
+        let sum = crc::update(crc::update(crc::INIT, &bytes[1..end]), &[crc_extra]);
+        bytes[end..end + 2].copy_from_slice(&sum.to_le_bytes());
+        let mut out = FrameBytes::from(bytes);
+        out.truncate(end + 2);
         out
     }
 }

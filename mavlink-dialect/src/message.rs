@@ -29,6 +29,7 @@ const TABLE_LEN: usize = 512;
 static TABLE: LazyLock<[Known; TABLE_LEN]> =
     LazyLock::new(|| core::array::from_fn(|id| search(id as u32)));
 
+#[inline]
 fn look_up(id: u32) -> Known {
     match TABLE.get(id as usize) {
         Some(known) => *known,
@@ -61,6 +62,7 @@ impl Message {
     ///
     /// # Errors
     /// The payload holds an enumeration value the dialect does not know, or the id is unknown.
+    #[inline]
     pub fn parse(version: MavlinkVersion, id: u32, payload: &[u8]) -> Result<Self, ParserError> {
         match look_up(id) {
             Known::Raw(_) => raw::MavMessage::parse(version, id, payload).map(Self::Raw),
