@@ -162,6 +162,7 @@ fn with_the_particles_in_the_loop_the_filter_is_never_over_confident() {
                 per_step.len()
             );
             assert!(mean <= 1.0, "{ring}: {part} is over-confident: {mean}");
+            assert_eq!(too_sure, 0, "{ring}: {part} is over-confident at times");
         }
         println!(
             " {ring}: position within 3 sigma at {within:.2} % of {} steps, {} not localized",

@@ -46,6 +46,9 @@ const SAME_RAD: f64 = 0.5;
 /// Another cluster must stay heaviest for this long, s, and be this near, m, to take over without a search.
 const RIVAL_S: f64 = 1.0;
 const RIVAL_REACH_M: f64 = 1.0;
+/// While nothing is claimed the published place goes to the heaviest cluster, if that has this share: of two places that look
+/// alike the particles like now the one and now the other better.
+const TAKEN_MASS: f64 = 0.8;
 /// Weight share and fit that count as good, and as bad.
 const GOOD_MASS: f64 = 0.8;
 const BAD_MASS: f64 = 0.4;
@@ -394,7 +397,7 @@ impl Locator {
         let may_switch = match self.phase {
             Phase::Localized => is_better && is_reachable,
             // Nothing is claimed yet, so nothing jumps for anyone.
-            Phase::Confirming | Phase::Searching | Phase::Lost => heaviest.mass > 0.6,
+            Phase::Confirming | Phase::Searching | Phase::Lost => heaviest.mass > TAKEN_MASS,
         };
         if has_lasted && may_switch {
             self.rival = None;
@@ -416,7 +419,9 @@ impl Locator {
     /// Moves between the states.
     fn judge(&mut self, at: Timestamp) {
         let (mass, fit) = (self.mass, self.status.fit);
-        let is_good = mass >= GOOD_MASS && fit >= self.good_fit;
+        // A plan without open floor has no place to be at, however near its walls are.
+        let has_place = self.filter.field().open_area_m2() > 0.0;
+        let is_good = mass >= GOOD_MASS && fit >= self.good_fit && has_place;
         let is_bad = mass < BAD_MASS || fit < self.bad_fit;
         self.good_since = if is_good {
             Some(self.good_since.unwrap_or(at))
