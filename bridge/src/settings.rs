@@ -8,11 +8,12 @@ use crate::gcs::params::GroundParams;
 use control::ControlParams;
 use estimator::EstimatorParams;
 use planner::{PlannerParams, VfhParams};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use vehicle::{ParamError, ParamKind, ParamMeta, ParamSet, ParamValue};
 
 /// Where a value came from; later ones win.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Origin {
     /// The code.
     #[default]

@@ -221,6 +221,7 @@ impl Estimator {
         let q = Quality {
             std: self.params.attitude_std_deg.to_radians(),
             correlation_s: ATTITUDE_CORRELATION_S,
+            least_variance: 0.0,
         };
         for filter in [&mut self.navigation, &mut self.odometry] {
             let Some(x) = turned_to(filter, a.at) else {
@@ -239,6 +240,7 @@ impl Estimator {
         let heading = Quality {
             std: self.params.heading_std_deg.to_radians(),
             correlation_s: HEADING_CORRELATION_S,
+            least_variance: 0.0,
         };
         if let Some(x) = turned_to(&self.odometry, a.at) {
             let o = aid::yaw::observe(&x);
@@ -279,6 +281,7 @@ impl Estimator {
             let q = Quality {
                 std,
                 correlation_s: 0.2,
+                least_variance: 0.0,
             };
             filter.fuse(Aid::Baro, baro.at, &o, baro.altitude_m, q);
         }

@@ -173,7 +173,7 @@ fn run(seed: u64, imu_hz: u64, sums: &mut Sums) {
     // Where the filter believes to be: the truth, off by a draw from its own covariance.
     let mut filter = Filter::new(noise);
     filter.start(Timestamp::ZERO, truth, std);
-    let p = *filter.covariance();
+    let p = filter.covariance();
     let error =
         nalgebra::SVector::<f64, STATES>::from_fn(|i, _| normal(&mut random) * p[(i, i)].sqrt());
     let mut begin = truth.plus(&error);
@@ -223,7 +223,7 @@ fn run(seed: u64, imu_hz: u64, sums: &mut Sums) {
         }
         if k > 0 && k % (imu_hz / 5) == 0 {
             let e = filter.state().error_to(&truth);
-            let p = *filter.covariance();
+            let p = filter.covariance();
             let solved = p.cholesky().unwrap().solve(&e);
             let step = (k / (imu_hz / 5) - 1) as usize;
             if sums.nees.len() <= step {

@@ -11,6 +11,7 @@ use crate::message::Message;
 use crate::signing::{SIGNATURE_LEN, SigningKey};
 use crate::{Address, crc};
 use arrayvec::ArrayVec;
+use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, MessageData};
 
 const STX_V1: u8 = 0xFE;
@@ -59,17 +60,41 @@ pub struct Decoder {
     counters: DecodeCounters,
 }
 
-#[expect(
-    clippy::large_enum_variant,
-    reason = "returned by value and taken apart at once"
-)]
-enum Scan {
+/// A frame whose checksum was right, as it lies in the bytes that came; nothing of its payload has been looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameView<'a> {
+    /// Who sent it.
+    pub from: Address,
+    /// Sequence number of the sender on this link.
+    pub sequence: u8,
+    /// True if it carried a signature (not checked here).
+    pub is_signed: bool,
+    /// Message id.
+    pub id: u32,
+    /// Payload, trailing zeros cut.
+    pub payload: &'a [u8],
+    /// The whole frame.
+    pub wire: &'a [u8],
+    version: MavlinkVersion,
+}
+
+impl FrameView<'_> {
+    /// What it says.
+    ///
+    /// # Errors
+    /// The payload holds an enumeration value the dialect does not know.
+    pub fn message(&self) -> Result<Message, ParserError> {
+        Message::parse(self.version, self.id, self.payload)
+    }
+}
+
+enum Scan<'a> {
     /// More bytes are needed.
     Wait,
     /// This many leading bytes are of no use.
     Skip(usize),
-    /// A frame of this many bytes.
-    Frame(usize, Frame),
+    /// A frame.
+    Frame(FrameView<'a>),
 }
 
 impl Decoder {
@@ -91,8 +116,25 @@ impl Decoder {
     }
 
     /// [`Decoder::push`], with each frame's bytes as they came: what [`crate::signing`] judges.
-    pub fn push_wire(&mut self, mut bytes: &[u8], mut frame: impl FnMut(Frame, &[u8])) {
+    pub fn push_wire(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame, &[u8])) {
+        let mut bad_payload = 0;
+        self.push_views(bytes, |view| open(&view, &mut bad_payload, &mut frame));
+        self.note_bad(bad_payload);
+    }
+
+    fn note_bad(&mut self, bad_payload: u64) {
+        self.counters.bad_payload += bad_payload;
+        self.counters.frames -= bad_payload;
+    }
+
+    /// [`Decoder::push`] without looking at payloads: for whoever passes frames on, or wants few of them.
+    pub fn push_views(&mut self, mut bytes: &[u8], mut frame: impl FnMut(FrameView<'_>)) {
         while !bytes.is_empty() {
+            if self.pending.is_empty() {
+                // Whole frames are read where they lie; only a last piece is kept.
+                let used = take_frames(bytes, &mut self.counters, &mut frame);
+                bytes = &bytes[used..];
+            }
             let room = self.pending.remaining_capacity().min(bytes.len());
             let (now, later) = bytes.split_at(room);
             // Fits: `room` is at most the remaining capacity.
@@ -110,31 +152,58 @@ impl Decoder {
 
     /// [`Decoder::end_of_datagram`], with each frame's bytes as they came.
     pub fn end_of_datagram_wire(&mut self, mut frame: impl FnMut(Frame, &[u8])) {
+        let mut bad_payload = 0;
         while !self.pending.is_empty() {
             self.counters.noise_bytes += 1;
             self.pending.drain(..1);
-            self.drain(&mut frame);
+            self.drain(&mut |view| open(&view, &mut bad_payload, &mut frame));
         }
+        self.note_bad(bad_payload);
     }
 
-    fn drain(&mut self, frame: &mut impl FnMut(Frame, &[u8])) {
-        let mut at = 0;
-        loop {
-            match scan(&self.pending[at..], &mut self.counters) {
-                Scan::Wait => break,
-                Scan::Skip(n) => at += n,
-                Scan::Frame(n, f) => {
-                    self.counters.frames += 1;
-                    frame(f, &self.pending[at..at + n]);
-                    at += n;
-                }
-            }
-        }
-        self.pending.drain(..at);
+    fn drain(&mut self, frame: &mut impl FnMut(FrameView<'_>)) {
+        let used = take_frames(&self.pending, &mut self.counters, frame);
+        self.pending.drain(..used);
     }
 }
 
-fn scan(bytes: &[u8], counters: &mut DecodeCounters) -> Scan {
+/// Hands out the frames at the beginning of `bytes`; how many bytes are done with.
+fn take_frames(
+    bytes: &[u8],
+    counters: &mut DecodeCounters,
+    frame: &mut impl FnMut(FrameView<'_>),
+) -> usize {
+    let mut at = 0;
+    loop {
+        match scan(&bytes[at..], counters) {
+            Scan::Wait => return at,
+            Scan::Skip(n) => at += n,
+            Scan::Frame(view) => {
+                counters.frames += 1;
+                at += view.wire.len();
+                frame(view);
+            }
+        }
+    }
+}
+
+/// Parses a frame and hands it out, or counts it.
+fn open(view: &FrameView<'_>, bad_payload: &mut u64, frame: &mut impl FnMut(Frame, &[u8])) {
+    match view.message() {
+        Ok(message) => frame(
+            Frame {
+                from: view.from,
+                sequence: view.sequence,
+                is_signed: view.is_signed,
+                message,
+            },
+            view.wire,
+        ),
+        Err(_) => *bad_payload += 1,
+    }
+}
+
+fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
     let Some(&stx) = bytes.first() else {
         return Scan::Wait;
     };
@@ -199,21 +268,15 @@ fn scan(bytes: &[u8], counters: &mut DecodeCounters) -> Scan {
         counters.bad_checksum += 1;
         return Scan::Skip(1);
     }
-    match Message::parse(version, id, &bytes[header_len..body_len]) {
-        Ok(message) => Scan::Frame(
-            frame_len,
-            Frame {
-                from,
-                sequence,
-                is_signed,
-                message,
-            },
-        ),
-        Err(_) => {
-            counters.bad_payload += 1;
-            Scan::Skip(frame_len)
-        }
-    }
+    Scan::Frame(FrameView {
+        from,
+        sequence,
+        is_signed,
+        id,
+        payload: &bytes[header_len..body_len],
+        wire: &bytes[..frame_len],
+        version,
+    })
 }
 
 /// Encoder of one component on one link: MAVLink 2, its own sequence.
@@ -280,13 +343,46 @@ impl Encoder {
             id2,
         ];
         self.sequence = self.sequence.wrapping_add(1);
+        let sum = crc::update(crc::update(crc::INIT, &header[1..]), payload);
+        let sum = crc::update(sum, &[crc_extra]).to_le_bytes();
         let mut out = FrameBytes::new();
-        out.extend(header);
-        out.extend(payload.iter().copied());
-        let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[crc_extra]);
-        out.extend(sum.to_le_bytes());
+        // 10 + 255 + 2 bytes at most: it fits, whole slices at a time.
+        let _ = out.try_extend_from_slice(&header);
+        let _ = out.try_extend_from_slice(payload);
+        let _ = out.try_extend_from_slice(&sum);
         out
     }
+}
+
+/// A frame that came in on one link, to go out on another: the same sender, number and payload. A signature belongs to the link it came
+/// by and is left behind; `sign` (key, link id, time stamp) makes the one of the new link. None if it cannot be: a frame of version 1
+/// carries no signature.
+#[must_use]
+pub fn passed_on(wire: &[u8], sign: Option<(&SigningKey, u8, u64)>) -> Option<FrameBytes> {
+    let is_v2 = wire.first() == Some(&STX_V2);
+    let was_signed = is_v2 && wire.get(2)? & SIGNED != 0;
+    let mut out = FrameBytes::new();
+    if !was_signed && sign.is_none() {
+        out.try_extend_from_slice(wire).ok()?;
+        return Some(out);
+    }
+    if !is_v2 {
+        return None;
+    }
+    let body = 10 + usize::from(*wire.get(1)?);
+    out.try_extend_from_slice(wire.get(..body)?).ok()?;
+    out[2] = if sign.is_some() { SIGNED } else { 0 };
+    let id = u32::from_le_bytes([wire[7], wire[8], wire[9], 0]);
+    let extra = Message::crc_extra(id)?;
+    let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[extra]);
+    out.extend(sum.to_le_bytes());
+    if let Some((key, link_id, stamp)) = sign {
+        out.push(link_id);
+        out.extend(stamp.to_le_bytes().into_iter().take(6));
+        let tag = key.tag(&out);
+        out.extend(tag);
+    }
+    Some(out)
 }
 
 #[cfg(test)]
@@ -352,6 +448,26 @@ mod tests {
                 .as_slice(),
             theirs.as_slice()
         );
+    }
+
+    #[test]
+    fn a_frame_passed_on_keeps_all_but_its_signature() {
+        let key = SigningKey::from_passphrase("hangar");
+        let message = Message::Standard(standard::MavMessage::ATTITUDE(attitude(5)));
+        let plain = Encoder::new(US).encode_message(&message);
+        assert_eq!(passed_on(&plain, None).unwrap(), plain);
+        let signed = Encoder::new(US).encode_signed(&message, &key, 3, 77);
+        assert_eq!(passed_on(&signed, None).unwrap(), plain);
+        assert_eq!(passed_on(&plain, Some((&key, 3, 77))).unwrap(), signed);
+        let mut v1 = Vec::new();
+        let header = mavlink::MavHeader::default();
+        let beat = raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA::default());
+        mavlink::write_v1_msg(&mut v1, header, &beat).unwrap();
+        assert_eq!(passed_on(&v1, None).unwrap().as_slice(), v1.as_slice());
+        assert_eq!(passed_on(&v1, Some((&key, 3, 77))), None);
+        for n in 0..plain.len() {
+            let _ = passed_on(&signed[..n], Some((&key, 1, 1)));
+        }
     }
 
     #[test]

@@ -15,6 +15,8 @@
 //! | [`tracks`] | people: what moves and is not on the plan |
 //! | [`evade`] | where to step aside |
 //! | [`coverage`] | which directions the rangers look into |
+//! | [`fence`] | where the vehicle may be |
+//! | [`patrol`] | rounds over rooms and sweeps of the floor, made on the ground |
 //! | [`params`] | [`PlannerParams`] |
 //! | [`episode`] | a flight through obstacles nobody knows of: `kestrel eval avoid`, the BARN campaign |
 //!
@@ -48,9 +50,11 @@
 pub mod coverage;
 pub mod episode;
 pub mod evade;
+pub mod fence;
 pub mod mission;
 pub mod navigator;
 pub mod params;
+pub mod patrol;
 pub mod potential;
 pub mod route;
 pub mod tracks;

@@ -4,8 +4,8 @@
 //! off-board) belong to the station that began them until it is silent for a second.
 
 use super::door::{
-    Asked, Event, GoTo, Key, LandedState, ManualInput, MissionState, MissionStatus, Outcome,
-    Refusal, Request, Station,
+    Asked, Event, GoTo, Key, LandedState, ManualInput, MissionState, MissionStatus, Notice,
+    Outcome, Refusal, Request, Station,
 };
 use super::mode::{Because, Mode, ModeState};
 use super::modes::climb::Climb;
@@ -278,6 +278,13 @@ impl Arbiter {
                 self.load(c, plan);
                 Ok(Outcome::Accepted)
             }
+            Request::SetSite(site) => {
+                let old = c.navigator.set_site(Arc::clone(site));
+                // Freeing it is not the flight loop's work.
+                let _ = c.events.try_push(Event::SiteRetired(old));
+                self.keep_inside(c);
+                Ok(Outcome::Accepted)
+            }
             Request::SetMissionItem(seq) => self.set_item(*seq).map(accepted),
             Request::StartMission { first } => {
                 if !is_armed {
@@ -352,6 +359,10 @@ impl Arbiter {
             | Request::SetHome(_)
             | Request::SetParam { .. }
             | Request::GroundHeartbeat
+            | Request::Calibrate(_)
+            | Request::EndBenchWork
+            | Request::TurnMotor(_)
+            | Request::RestartFc
             | Request::ShutDown => Err(Refusal::Unsupported),
         }
     }
@@ -440,6 +451,21 @@ impl Arbiter {
         }
         if self.mode.mode == Mode::Mission {
             self.enter(c, Mode::Hold, Because::Asked);
+        }
+    }
+
+    /// The fence is another one: a goal beyond it is dropped, an item looked at anew.
+    fn keep_inside(&mut self, c: &mut Cockpit<'_>) {
+        if c.air != Air::Flying || !c.nav.health.position {
+            return;
+        }
+        match self.mode.mode {
+            Mode::Hold if !self.hold.keys.is_on() && c.navigator.is_goal_fenced_off() => {
+                c.notice(Notice::Refused(Refusal::OutsideFence));
+                self.hold.stop(c);
+            }
+            Mode::Mission => self.mission_mode.relocalized(),
+            _ => {}
         }
     }
 

@@ -4,13 +4,16 @@
 //! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
 //! ([`Refusal`], [`Notice`]) and become words in `Ground`.
 
+use super::bench_work::{MotorTurn, Progress, Sensor};
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
 use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
 use msp::message::FcVariant;
+use planner::fence::Site;
 use planner::mission::Plan;
+use planner::navigator::Avoidance;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
@@ -67,6 +70,8 @@ pub enum Request {
     GoTo(GoTo),
     /// Replace the plan. The old one comes back in [`Event::PlanRetired`].
     SetPlan(Arc<Plan>),
+    /// Replace fence and rally points. The old ones come back in [`Event::SiteRetired`].
+    SetSite(Arc<Site>),
     /// Continue the plan at an item.
     SetMissionItem(u16),
     /// Start the plan at an item (MAV_CMD_MISSION_START).
@@ -99,6 +104,14 @@ pub enum Request {
     GroundHeartbeat,
     /// Land (or disarm on the ground); the program wants to end.
     ShutDown,
+    /// Calibrate a sensor of the flight controller, on the ground.
+    Calibrate(Sensor),
+    /// End what is done to the flight controller: a motor test stops, a calibration is no longer waited for.
+    EndBenchWork,
+    /// Turn a motor, on the ground (parameter KST_MOTOR_TEST).
+    TurnMotor(MotorTurn),
+    /// Restart the flight controller, on the ground.
+    RestartFc,
 }
 
 /// Target of [`Request::GoTo`]; none keeps what is.
@@ -296,6 +309,8 @@ pub enum Refusal {
     Flying,
     /// Needs to be armed first.
     NotArmed,
+    /// Needs to be disarmed first.
+    Armed,
     /// No plan is stored.
     NoPlan,
     /// The plan has no such item.
@@ -307,6 +322,8 @@ pub enum Refusal {
     },
     /// A place outside the plan or too near a wall.
     PlaceBlocked,
+    /// A place outside the fence, in a no-fly zone, or too near to their border.
+    OutsideFence,
     /// No way leads there.
     NoRoute,
     /// Off-board needs a stream of set points first.
@@ -343,6 +360,12 @@ pub enum Refusal {
     PilotArms,
     /// The pilot's radio steers; his override switch is off.
     PilotSteers,
+    /// A calibration, motor test or restart is under way.
+    BenchBusy,
+    /// Motor tests are switched off.
+    MotorTestOff,
+    /// The flight controller refused the order.
+    FcRefused,
 }
 
 impl Refusal {
@@ -352,9 +375,13 @@ impl Refusal {
         match self {
             Self::BadNumber
             | Self::PlaceBlocked
+            | Self::OutsideFence
             | Self::NoSuchItem { .. }
             | Self::Flying
-            | Self::NotArmed => RefusalClass::Denied,
+            | Self::MotorTestOff
+            | Self::FcRefused
+            | Self::NotArmed
+            | Self::Armed => RefusalClass::Denied,
             Self::Unsupported => RefusalClass::Unsupported,
             _ => RefusalClass::NotNow,
         }
@@ -375,11 +402,13 @@ impl fmt::Display for Refusal {
             Self::NotFlying => write!(f, "not flying"),
             Self::Flying => write!(f, "flying: land first"),
             Self::NotArmed => write!(f, "not armed"),
+            Self::Armed => write!(f, "armed: disarm first"),
             Self::NoPlan => write!(f, "no mission stored"),
             Self::NoSuchItem { seq, total } => {
                 write!(f, "no mission item {seq} (there are {total})")
             }
             Self::PlaceBlocked => write!(f, "that place is in a wall or off the plan"),
+            Self::OutsideFence => write!(f, "that place is outside the fence or in a no-fly zone"),
             Self::NoRoute => write!(f, "no way leads there"),
             Self::NoOffboardStream => write!(f, "send off-board set points first"),
             Self::OtherStation { system } => write!(f, "system {system} is steering"),
@@ -400,6 +429,9 @@ impl fmt::Display for Refusal {
             ),
             Self::ArmingUnderWay => write!(f, "arming is under way"),
             Self::DisarmedMeanwhile => write!(f, "disarmed meanwhile"),
+            Self::BenchBusy => write!(f, "a calibration, motor test or restart is under way"),
+            Self::MotorTestOff => write!(f, "propellers off, then set KST_MOTOR_TEST to 1"),
+            Self::FcRefused => write!(f, "the flight controller refuses it"),
             Self::PilotArms => write!(f, "the pilot arms and disarms with his radio"),
             Self::PilotSteers => write!(
                 f,
@@ -422,6 +454,7 @@ impl Because {
             Self::NotLocalized => "not localized",
             Self::RangersSilent => "range finders silent",
             Self::BatteryLow => "battery low",
+            Self::BatteryReserve => "battery just enough for the way home",
             Self::ShuttingDown => "shutting down",
             Self::EstimatorFailed => "estimate unusable",
             Self::FcSilent => "flight controller silent",
@@ -508,6 +541,8 @@ pub enum Event {
     HomeSet,
     /// A plan no longer in use, to be freed by `Ground`.
     PlanRetired(Arc<Plan>),
+    /// Fence and rally points no longer in use, the same way.
+    SiteRetired(Arc<Site>),
     /// A marker of the key console.
     Marker(Timestamp),
 }
@@ -588,6 +623,13 @@ pub enum Notice {
         /// Why.
         why: Refusal,
     },
+    /// Return goes to a rally point, which is nearer than home.
+    ToRallyPoint {
+        /// Which, counted from 1.
+        number: u16,
+        /// Way to it, m.
+        way_m: f64,
+    },
     /// An obstacle blocks the way.
     WayBlocked,
     /// Battery low, percent.
@@ -617,6 +659,13 @@ pub enum Notice {
     },
     /// The control loop of the flight controller stands still.
     FcStalled,
+    /// How a calibration stands.
+    Calibration {
+        /// Of what.
+        sensor: Sensor,
+        /// How far.
+        progress: Progress,
+    },
 }
 
 impl Notice {
@@ -685,6 +734,9 @@ impl fmt::Display for Notice {
             Self::Refused(why) => write!(f, "Refused: {why}"),
             Self::MissionFinished => write!(f, "Mission finished"),
             Self::ItemRefused { seq, why } => write!(f, "Mission item {seq}: {why}"),
+            Self::ToRallyPoint { number, way_m } => {
+                write!(f, "Return to rally point {number}, {way_m:.1} m away")
+            }
             Self::WayBlocked => write!(f, "Way blocked: looking for another"),
             Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
             Self::Landed => write!(f, "Landed"),
@@ -708,6 +760,19 @@ impl fmt::Display for Notice {
                 write!(f, "FC serves {service_hz}/s: raise the baud rate")
             }
             Self::FcStalled => write!(f, "FC control loop stands still: restart it"),
+            // PX4's words: QGroundControl and MAVSDK read them.
+            Self::Calibration { sensor, progress } => {
+                let name = sensor.name();
+                match progress {
+                    Progress::Started => write!(f, "[cal] calibration started: 2 {name}"),
+                    Progress::Half => write!(f, "[cal] progress <50>"),
+                    Progress::Done => write!(f, "[cal] calibration done: {name}"),
+                    Progress::Failed => {
+                        write!(f, "[cal] calibration failed: {name}: no answer")
+                    }
+                    Progress::Cancelled => write!(f, "[cal] calibration cancelled"),
+                }
+            }
         }
     }
 }
@@ -821,12 +886,22 @@ pub struct Snapshot {
     pub velocity_target: In<Ned>,
     /// Thrust that control asks for, 0..=1.
     pub thrust_target: f64,
+    /// Acceleration that control asks for, m/s2.
+    pub accel_target: In<Ned>,
+    /// Yaw rate that control asks for, clockwise, rad/s.
+    pub yaw_rate_target_radps: f64,
+    /// What obstacle avoidance chose last.
+    pub avoidance: Avoidance,
     /// Sticks sent last.
     pub sticks: Sticks,
     /// RC channels sent last, us: roll, pitch, throttle, yaw, aux ...
     pub rc_us: ArrayVec<u16, 18>,
     /// Battery.
     pub battery: Option<BatterySample>,
+    /// Time the battery lasts at the present rate, s.
+    pub endurance_s: Option<f64>,
+    /// Way home on the plan, m; none where there is none or the place is not known.
+    pub way_home_m: Option<f64>,
     /// Flight controller.
     pub fc: FcStatus,
     /// Newest inertial sample.

@@ -14,7 +14,9 @@ mod tests;
 use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
+use super::bench_work::BenchWork;
 use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::endurance::Endurance;
 use super::handover::Handover;
 use super::health;
 use super::io::{FcBytes, Input, Output};
@@ -34,6 +36,7 @@ use msp::client::Client;
 use msp::firmware::Firmware;
 use planner::mission::Mission;
 use planner::navigator::Navigator;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
@@ -47,7 +50,7 @@ const OWN_STALL: Duration = Duration::from_millis(60);
 const OUTPUTS: usize = 256;
 
 /// Where the vehicle stands at start.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Start {
     /// Known: on the plan, within a hand's breadth.
     Known(MapPose),
@@ -89,6 +92,7 @@ pub struct Flight {
     fc_arm: FcArmState,
     link: controller::Link,
     handover: Handover,
+    bench_work: BenchWork,
     fc: FcStatus,
     air: Air,
     home: In<Ned>,
@@ -111,6 +115,7 @@ pub struct Flight {
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
     shutting_down: bool,
+    endurance: Endurance,
     control: ControlOutput,
     snapshot: Snapshot,
     outputs: VecDeque<Output>,
@@ -171,6 +176,7 @@ impl Flight {
             fc_arm: FcArmState::default(),
             link: controller::Link::default(),
             handover: Handover::new(settings.autopilot.radio),
+            bench_work: BenchWork::default(),
             fc: FcStatus::default(),
             air: Air::Ground,
             home: In::zero(),
@@ -189,6 +195,7 @@ impl Flight {
             reset_counter: 0,
             ground_heard: None,
             shutting_down: false,
+            endurance: Endurance::default(),
             control: ControlOutput::default(),
             snapshot: Snapshot {
                 home_yaw_rad,
@@ -295,6 +302,7 @@ impl Flight {
         let nav = *self.estimator.state();
         self.notice_localization(now, &nav);
         self.confirm_arming(now);
+        self.bench_step(now);
 
         // Arbitrate and plan.
         self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
@@ -440,6 +448,7 @@ impl Flight {
             offboard_silent_s: self.arbiter.offboard_silent_s(now),
             manual_silent_s: self.arbiter.manual_silent_s(now),
             battery: self.snapshot.battery.and_then(|b| b.remaining),
+            spare_s: self.spare_s(nav),
             fc_silent_s: self.fc_silent_s(now),
             loop_gap_s,
             params: &self.settings.autopilot,
@@ -465,6 +474,19 @@ impl Flight {
                 ))),
             }
         }
+    }
+
+    /// Time the battery lasts beyond the way home and the landing, s.
+    fn spare_s(&mut self, nav: &NavState) -> Option<f64> {
+        if let Some(battery) = &self.snapshot.battery {
+            self.endurance.sample(battery, self.air == Air::Flying);
+        }
+        let left_s = self.endurance.left_s(&self.settings.autopilot);
+        let way_m = self.navigator.way_home_m(nav);
+        (self.snapshot.endurance_s, self.snapshot.way_home_m) = (left_s, way_m);
+        let cruise_mps = self.settings.planner.cruise_mps;
+        let home_s = Endurance::home_s(way_m?, nav.height_m, cruise_mps, &self.settings.autopilot);
+        Some(left_s? - home_s)
     }
 
     /// Leaves the floor or stops the motors as the arbiter ordered.
@@ -616,6 +638,9 @@ impl Flight {
         );
         s.velocity_target = self.control.velocity_sp;
         s.thrust_target = self.control.thrust_fraction;
+        s.accel_target = self.control.accel_sp;
+        s.yaw_rate_target_radps = self.control.yaw_rate_sp_radps;
+        s.avoidance = self.navigator.avoidance();
         s.sticks = sticks;
         s.fc = self.fc;
         s.flight_loop.sample_to_command = self.latency.summary();

@@ -6,7 +6,9 @@
 pub mod arbiter;
 pub mod arming;
 pub mod beat;
+pub mod bench_work;
 pub mod door;
+pub mod endurance;
 pub mod failsafe_page;
 pub mod flight;
 pub mod ground;

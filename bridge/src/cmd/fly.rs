@@ -1,12 +1,13 @@
 //! `kestrel fly`: the real thing.
 
 use super::fc::passthrough::open_door;
+use super::session::{LogWatch, end_log};
 use super::sim::{StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, load_plan, settings};
 use anyhow::{Context as _, Result, anyhow};
-use bridge::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use bridge::autopilot::door::{Asked, Request, RequestId, Severity, Snapshot, Station};
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
 use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use bridge::gcs::Document;
@@ -16,8 +17,10 @@ use bridge::io::endpoint::{Endpoint, EndpointError};
 use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
+use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
 use bridge::io::net::{LinkEvent, Links};
 use bridge::io::passthrough::Door;
+use bridge::log::{GroundRecord, Header};
 use bridge::settings::Origin;
 use bridge::web::{Console, ConsoleConfig, Picture, console};
 use clap::Args;
@@ -30,6 +33,8 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use vehicle::{Airframe, Pace, RingConfig, Timestamp};
 
+/// Where stations of the local network listen, when no link is named: they find the vehicle and may watch.
+const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
 /// How often the door is looked at when no link speaks.
 const LOOK: Duration = Duration::from_millis(2);
 /// A controller that has not said who it is after this does not hear us, or we not it.
@@ -49,7 +54,7 @@ pub(crate) struct FlyArgs {
     /// Floor plan (ROS map_server YAML).
     #[arg(long, value_name = "PLAN.yaml")]
     map: PathBuf,
-    /// MAVLink endpoint (repeatable); only these open.
+    /// MAVLink endpoint (repeatable); only these open. None: announced by broadcast to port 14550, where stations may watch. Options: ?role=viewer|pilot|engineer&key=file:PATH|pass:TEXT&rate=BYTES_PER_S&route=on.
     #[arg(long, value_name = "URL")]
     mavlink: Vec<String>,
     /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`; default: the plan's home.
@@ -58,7 +63,7 @@ pub(crate) struct FlyArgs {
     /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
     #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
     rangers: String,
-    /// Keep parameters and mission in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
+    /// Keep parameters, mission, flight logs and uploaded files in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
     /// Configuration file (TOML).
@@ -74,6 +79,9 @@ pub(crate) struct FlyArgs {
     /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
     #[arg(long, value_name = "URL")]
     passthrough: Option<String>,
+    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
+    #[arg(long, value_name = "URL")]
+    video: Option<String>,
     /// Open the console, the page in a browser, at this address (127.0.0.1:8443 if none is named). Other machines reach it only
     /// when somebody has a password: see `kestrel passwd`.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
@@ -92,13 +100,11 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         .fc
         .parse()
         .map_err(|e: EndpointError| Usage(e.to_string()))?;
-    if args.mavlink.is_empty() {
-        return Err(Usage(
-            "name at least one --mavlink endpoint: in `fly` only named links open".to_owned(),
-        )
-        .into());
-    }
-    let wanted = parse_endpoints(&args.mavlink)?;
+    let wanted = if args.mavlink.is_empty() {
+        parse_endpoints(&[ANNOUNCE.to_owned()])?
+    } else {
+        parse_endpoints(&args.mavlink)?
+    };
     let plan = Arc::new(load_plan(&args.map)?);
     let ring = match RingConfig::built_in(&args.rangers) {
         Ok(ring) => ring,
@@ -116,7 +122,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         .ok_or_else(|| {
             Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
         })?;
-    let keep = Keep::in_folder(Some(&state_dir))
+    let mut keep = Keep::in_folder(Some(&state_dir))
         .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
     let mut settings = settings(args.config.as_deref(), &[])?;
     if let Some(bytes) = keep
@@ -178,11 +184,35 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         settings,
         seed: boot_utc_us,
     };
-    let flight = Flight::new(clock.now(), config);
-    ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+    let made_at = clock.now();
+    let header = Header::new(made_at, &config, &format!("fly {fc}"), boot_utc_us);
+    let limits = Limits::of(&config.settings);
+    let flight = Flight::new(made_at, config);
+    // A disk that cannot be written is no reason not to fly, and a reason to say so.
+    let started = keep.fresh_run().and_then(|place| {
+        place
+            .map(|(folder, run)| {
+                let files = DiskFiles::of_run(&folder, &run, limits);
+                logger::start(header, files, limits, WhenFull::Lose)
+            })
+            .transpose()
+    });
+    let (log, no_log) = match started {
+        Ok(log) => (log, None),
+        Err(e) => (None, Some(format!("Flights are not logged: {e}"))),
+    };
+    let (taps, log) = log.unzip();
+    let (flight_tap, ground_tap) = taps.map(|t| (t.flight, t.ground)).unzip();
+    if let Some(why) = no_log {
+        ground.say(clock.now(), Severity::Warning, why);
+    }
+    ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+    ground.set_video(super::video(args.video.as_deref())?);
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
-    let mut handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;
+    let mut handle =
+        flight_thread::start(flight, fc.clone(), clock, flight_tap).map_err(|e| anyhow!(e))?;
     let console = console_config
         .map(|config| Console::start(config, links.joint()))
         .transpose()?;
@@ -205,6 +235,9 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         links,
         console,
         keep,
+        log,
+        tap: ground_tap,
+        texts_logged: 0,
         terminal,
         clock,
         stop,
@@ -287,6 +320,9 @@ struct GroundLoop {
     links: Links,
     console: Option<Console>,
     keep: Keep,
+    log: Option<LogThread>,
+    tap: Option<GroundTap>,
+    texts_logged: u64,
     terminal: Terminal,
     clock: Clock,
     stop: Stop,
@@ -310,6 +346,9 @@ impl GroundLoop {
         let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
+        let mut log_watch = LogWatch::default();
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
@@ -328,7 +367,15 @@ impl GroundLoop {
                         link,
                         bytes,
                         is_datagram,
-                    } => self.ground.receive(now, link, &bytes, is_datagram),
+                    } => {
+                        self.ground.receive(now, link, &bytes, is_datagram);
+                        self.record(|| GroundRecord::Received {
+                            at: now,
+                            link,
+                            bytes: bytes.to_vec(),
+                            is_datagram,
+                        });
+                    }
                 }
                 self.carry_out();
                 event = self.links.poll();
@@ -361,6 +408,10 @@ impl GroundLoop {
             if snapshot.flight_loop.ticks != seen_tick {
                 seen_tick = snapshot.flight_loop.ticks;
                 self.ground.snapshot(now, &snapshot);
+                self.record(|| GroundRecord::Snapshot(Box::new(snapshot.clone())));
+            }
+            if let Some(text) = log_watch.news(self.log.as_ref()) {
+                self.ground.say(now, Severity::Warning, text);
             }
             if self.ground.deadline() <= now {
                 self.ground.tick(now);
@@ -408,6 +459,9 @@ impl GroundLoop {
                 _ => break,
             }
         }
+        if let Some(log) = self.log.take() {
+            end_log(log, &mut self.terminal);
+        }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
     }
@@ -436,7 +490,15 @@ impl GroundLoop {
     fn carry_out(&mut self) {
         while let Some(output) = self.ground.poll() {
             match output {
-                GroundOutput::Send { link, bytes } => self.links.send(link, bytes),
+                GroundOutput::Send { link, bytes } => {
+                    let at = self.clock.now();
+                    self.record(|| GroundRecord::Sent {
+                        at,
+                        link,
+                        frame: bytes.clone(),
+                    });
+                    self.links.send(link, bytes);
+                }
                 GroundOutput::Request(asked) => {
                     if !self.handle.ask(asked) {
                         self.terminal
@@ -454,6 +516,20 @@ impl GroundLoop {
                     }
                 }
             }
+        }
+        let Some(tap) = &mut self.tap else { return };
+        for told in self.ground.texts_since(&mut self.texts_logged) {
+            tap.put(GroundRecord::Text {
+                at: told.at,
+                severity: told.severity,
+                text: told.text.clone(),
+            });
+        }
+    }
+
+    fn record(&mut self, record: impl FnOnce() -> GroundRecord) {
+        if let Some(tap) = &mut self.tap {
+            tap.put(record());
         }
     }
 }

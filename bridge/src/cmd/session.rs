@@ -3,11 +3,13 @@
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
+use bridge::autopilot::door::Severity;
 use bridge::gcs::Document;
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
 use bridge::web::{Console, Picture};
 use std::collections::BTreeSet;
@@ -52,12 +54,44 @@ const FIRMWARE_CATCH_UP: Duration = Duration::from_millis(10);
 /// Longest landing before the program ends anyway, virtual time.
 const LANDING: Duration = Duration::from_secs(30);
 
+/// Tells once when logging fails, and when it goes on.
+#[derive(Debug, Default)]
+pub(crate) struct LogWatch {
+    was_failing: bool,
+}
+
+impl LogWatch {
+    /// What the pilots should know, if anything changed.
+    pub(crate) fn news(&mut self, log: Option<&LogThread>) -> Option<&'static str> {
+        let is_failing = log.is_some_and(LogThread::is_failing);
+        let changed = is_failing != self.was_failing;
+        self.was_failing = is_failing;
+        changed.then_some(if is_failing {
+            "Disk full: this flight is not being logged"
+        } else {
+            "Logging again"
+        })
+    }
+}
+
+/// Ends a log and says if something is missing in it.
+pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
+    let status = log.status();
+    if !log.finish() {
+        terminal.line(&format!(
+            "  the flight log is not complete: {} records are missing",
+            status.lost()
+        ));
+    }
+}
+
 /// Everything a running simulation needs.
 pub(crate) struct Session {
     pub(crate) lockstep: Lockstep,
     pub(crate) links: Links,
     pub(crate) console: Option<Console>,
     pub(crate) keep: Keep,
+    pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
     pub(crate) stop: Stop,
     /// Simulated seconds per second; none = as fast as it goes.
@@ -72,8 +106,11 @@ impl Session {
         let mut known = BTreeSet::new();
         let mut status = Pace::hz(2.0 * self.speed.unwrap_or(1.0).recip().min(5.0));
         let mut texts_shown = Timestamp::ZERO;
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
+        let mut log_watch = LogWatch::default();
         let (slice, catch_up) = if self.lockstep.firmware().is_some() {
             (sim::STEP, FIRMWARE_CATCH_UP)
         } else {
@@ -101,6 +138,9 @@ impl Session {
             let now = self.lockstep.now();
             while let Some(news) = self.lockstep.firmware().and_then(|f| f.poll_news()) {
                 self.terminal.line(&format!("  {news}"));
+            }
+            if let Some(text) = log_watch.news(self.log.as_ref()) {
+                self.lockstep.ground.say(now, Severity::Warning, text);
             }
             self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
             self.show(&known);
@@ -134,6 +174,9 @@ impl Session {
         self.carry_out();
         self.lockstep.flush();
         self.terminal.finish();
+        if let Some(log) = self.log.take() {
+            end_log(log, &mut self.terminal);
+        }
         if let Some(e) = self.lockstep.write_error.take() {
             return Err(anyhow::Error::new(e).context("a log could not be written completely"));
         }

@@ -7,12 +7,14 @@ use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
 use bridge::gcs::Document;
+use bridge::gcs::access::LinkPolicy;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, LockstepConfig, our_address};
+use bridge::io::logger::{self, DiskFiles, Limits, LogThread, WhenFull};
 use bridge::io::net::{Links, Wanted};
-use bridge::io::record::Recorder;
 use bridge::io::truth::TruthFile;
+use bridge::log::record::LogSink;
 use bridge::settings::{Origin, Settings};
 use bridge::web::{Console, ConsoleConfig, console};
 use clap::{Args, ValueEnum};
@@ -91,10 +93,13 @@ pub(crate) struct SimArgs {
     /// MAVLink endpoint (repeatable); replaces the default set.
     #[arg(long, value_name = "URL")]
     pub(crate) mavlink: Vec<String>,
+    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
+    #[arg(long, value_name = "URL")]
+    pub(crate) video: Option<String>,
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
-    /// Write the flight log: every input of the flight loop; default: with --state-dir, a numbered file in its folder `logs`.
+    /// Write the flight log (FILE.mcap and FILE.tlog); default: with --state-dir, numbered files in its folder `logs`.
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
     /// Keep parameters, mission, flight logs and uploaded files in this folder.
@@ -110,6 +115,9 @@ pub(crate) struct SimArgs {
         allow_hyphen_values = true
     )]
     pub(crate) person: Vec<PersonArg>,
+    /// A box that the plan does not show: centre x,y and side (plan metres; repeatable).
+    #[arg(long, value_name = "x,y,side", allow_hyphen_values = true)]
+    pub(crate) obstacle: Vec<BoxArg>,
     /// Charge of the battery at start, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
     pub(crate) battery: f64,
@@ -156,11 +164,13 @@ impl Default for SimArgs {
             fc_dir: None,
             no_provision: false,
             mavlink: Vec::new(),
+            video: None,
             truth: None,
             log: None,
             state_dir: None,
             instance: 0,
             person: Vec::new(),
+            obstacle: Vec::new(),
             battery: 100.0,
             hold: None,
             console: None,
@@ -282,6 +292,20 @@ impl FromStr for PersonArg {
     }
 }
 
+/// `--obstacle`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BoxArg([f64; 3]);
+
+impl FromStr for BoxArg {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        match numbers(s)[..] {
+            [x, y, side] if side > 0.0 => Ok(Self([x, y, side])),
+            _ => Err("x,y,side (plan metres)".to_owned()),
+        }
+    }
+}
+
 /// Finite numbers between commas; none if one is not.
 fn numbers(s: &str) -> Vec<f64> {
     let all: Option<Vec<f64>> = s
@@ -300,11 +324,16 @@ pub(crate) enum Switch {
     Off,
 }
 
+/// A simulated vehicle ready to fly.
+pub(crate) struct Built {
+    pub(crate) lockstep: Lockstep,
+    pub(crate) keep: Keep,
+    pub(crate) log: Option<LogThread>,
+}
+
 impl SimArgs {
     fn room(&self) -> Result<Room> {
-        let looks_like_a_file =
-            self.room.contains('/') || self.room.ends_with(".yaml") || self.room.ends_with(".yml");
-        if looks_like_a_file {
+        if rooms::is_file(&self.room) {
             let path = Path::new(&self.room);
             Ok(Room::from_plan(&self.room, super::load_plan(path)?))
         } else {
@@ -353,7 +382,7 @@ impl SimArgs {
     }
 
     /// World, vehicle and brain as the arguments describe them.
-    pub(crate) fn build(&self) -> Result<(Lockstep, Keep)> {
+    pub(crate) fn build(&self, when_full: WhenFull) -> Result<Built> {
         let mut keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
             format!(
                 "cannot make the state folder {}",
@@ -363,7 +392,8 @@ impl SimArgs {
                     .display()
             )
         })?;
-        let room = self.room()?;
+        let boxes: Vec<[f64; 3]> = self.obstacle.iter().map(|b| b.0).collect();
+        let room = self.room()?.with_unmapped(&boxes);
         let settings = self.settings(&keep)?;
         let (pose, start) = match self.start {
             None => (room.home(), Start::Known(room.home())),
@@ -395,19 +425,32 @@ impl SimArgs {
                 documents.push(Document { name, bytes });
             }
         }
-        let header = format!(
-            "kestrel {} room {} seed {}\n{}",
-            env!("CARGO_PKG_VERSION"),
-            self.room,
-            self.seed,
-            settings.changed_toml()
-        );
-        let mut lockstep = Lockstep::new(LockstepConfig {
+        let limits = Limits::of(&settings);
+        let config = LockstepConfig {
             sim,
             start,
             settings,
             documents,
-        })?;
+        };
+        // With a state folder every run is kept, where ground stations find it.
+        let files = match &self.log {
+            Some(path) => Some(DiskFiles::named(path)),
+            None => keep
+                .fresh_run()
+                .context("cannot keep the flight log")?
+                .map(|(folder, run)| DiskFiles::of_run(&folder, &run, limits)),
+        };
+        let (taps, log) = files
+            .map(|files| {
+                let path = files.path(1, "mcap");
+                let header = config.header(&format!("sim {}", self.room))?;
+                logger::start(header, files, limits, when_full)
+                    .with_context(|| format!("cannot write the flight log {}", path.display()))
+            })
+            .transpose()?
+            .unzip();
+        let sink = taps.map(|taps| Box::new(taps) as Box<dyn LogSink>);
+        let mut lockstep = Lockstep::with_log(config, sink)?;
         if let Some(hold) = self.hold {
             lockstep.hold_flight_at(Timestamp::ZERO + hold.at, hold.duration);
         }
@@ -417,18 +460,11 @@ impl SimArgs {
                     .with_context(|| format!("cannot write {}", path.display()))?,
             );
         }
-        // With a state folder every run is kept, where ground stations find it.
-        let log = match &self.log {
-            Some(path) => Some(path.clone()),
-            None => keep.fresh_log().context("cannot keep the flight log")?,
-        };
-        if let Some(path) = log {
-            lockstep.write_record(
-                Recorder::create(&path, &header)
-                    .with_context(|| format!("cannot write {}", path.display()))?,
-            );
-        }
-        Ok((lockstep, keep))
+        Ok(Built {
+            lockstep,
+            keep,
+            log,
+        })
     }
 
     /// The console, unless it is not wanted.
@@ -459,10 +495,14 @@ impl SimArgs {
                 .map(|link| {
                     let port = link.port + 10 * self.instance;
                     let address = format!("127.0.0.1:{port}");
+                    let endpoint = (link.endpoint)(address);
                     Wanted {
-                        endpoint: (link.endpoint)(address),
+                        policy: LinkPolicy {
+                            url: endpoint.to_string(),
+                            ..LinkPolicy::default()
+                        },
+                        endpoint,
                         is_default: true,
-                        key: None,
                     }
                 })
                 .collect()
@@ -471,8 +511,14 @@ impl SimArgs {
         };
         lockstep
             .ground
-            .set_keys(wanted.iter().map(|w| w.key.clone()).collect());
-        Links::open(&wanted).map_err(|e| anyhow!(e))
+            .set_video(super::video(self.video.as_deref())?);
+        lockstep
+            .ground
+            .set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+        let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+        let us = our_address(lockstep.ground.settings());
+        lockstep.ground.set_shell_routes(links.routes_as(us));
+        Ok(links)
     }
 }
 
@@ -522,12 +568,12 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
     urls.iter()
         .map(|url| {
             let wrong = |e: EndpointError| Usage(e.to_string());
-            let (url, key) = endpoint::split_key(url).map_err(wrong)?;
+            let (url, policy) = endpoint::split_options(url).map_err(wrong)?;
             let endpoint: Endpoint = url.parse().map_err(wrong)?;
             Ok(Wanted {
                 endpoint,
                 is_default: false,
-                key,
+                policy,
             })
         })
         .collect()
@@ -535,7 +581,19 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
 
 pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let (mut lockstep, keep) = args.build()?;
+    let speed = match args.speed.unwrap_or(Speed::Times(1.0)) {
+        Speed::Times(x) => Some(x),
+        Speed::Max => None,
+    };
+    let when_full = match speed {
+        Some(_) => WhenFull::Lose,
+        None => WhenFull::Wait,
+    };
+    let Built {
+        mut lockstep,
+        keep,
+        log,
+    } = args.build(when_full)?;
     let links = args.links(&mut lockstep)?;
     // After the links: a ground station hears the first heartbeat without waiting for a certificate.
     let console = args.console(&lockstep, &links)?;
@@ -553,10 +611,6 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     terminal.line(
         "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
     );
-    let speed = match args.speed.unwrap_or(Speed::Times(1.0)) {
-        Speed::Times(x) => Some(x),
-        Speed::Max => None,
-    };
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
     }
@@ -565,6 +619,7 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         links,
         console,
         keep,
+        log,
         terminal,
         stop,
         speed,

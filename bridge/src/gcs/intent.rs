@@ -1,21 +1,23 @@
-//! What a message wants of the vehicle: the one list by which roles and the control lock judge.
+//! What a message wants of the vehicle, as the console's pages are judged by: the roles of [`access`] in other words,
+//! with STOP apart because nobody is refused it.
 //!
 //! | Intent | Messages |
 //! | --- | --- |
-//! | [`Watch`](Intent::Watch) | requests for telemetry, parameters, plans, logs; heartbeats; time; who is in control |
-//! | [`Stop`](Intent::Stop) | DO_PAUSE_CONTINUE 0, NAV_LOITER_UNLIM, NAV_LAND: nobody is refused these |
-//! | [`Configure`](Intent::Configure) | parameters, files, calibration, restart, origin |
-//! | [`Fly`](Intent::Fly) | everything else: what is not known to be harmless flies |
+//! | [`Watch`](Intent::Watch) | what a viewer may: telemetry, plans, logs, heartbeats, time; who is in control |
+//! | [`Stop`](Intent::Stop) | DO_PAUSE_CONTINUE 0, NAV_LOITER_UNLIM, mode Hold |
+//! | [`Fly`](Intent::Fly) | what needs a pilot |
+//! | [`Configure`](Intent::Configure) | what needs an engineer: parameters, files, calibration, restart, origin |
 
+use super::access::{self, Role};
 use mavlink_dialect::command::cmd;
-use mavlink_dialect::{Message, raw, standard};
+use mavlink_dialect::{Message, raw};
 
 /// What a message wants of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Intent {
     /// Changes nothing.
     Watch,
-    /// Hold, or come down here.
+    /// Hold.
     Stop,
     /// Moves the vehicle or what it will do.
     Fly,
@@ -26,82 +28,42 @@ pub enum Intent {
 /// Judges a message.
 #[must_use]
 pub fn of(message: &Message) -> Intent {
-    use raw::MavMessage as R;
-    use standard::MavMessage as S;
+    let number = command(message);
+    match access::needs(message) {
+        // Who asks for control does not have it yet.
+        _ if number == Some(cmd::REQUEST_OPERATOR_CONTROL) => Intent::Watch,
+        Role::Viewer if is_mode_change(message, number) => Intent::Stop,
+        Role::Viewer => Intent::Watch,
+        Role::Pilot => Intent::Fly,
+        Role::Engineer => Intent::Configure,
+    }
+}
+
+const fn command(message: &Message) -> Option<u16> {
     match message {
-        Message::Raw(R::COMMAND_LONG(m)) => of_command(m.command, m.param1),
-        Message::Raw(R::COMMAND_INT(m)) => of_command(m.command, m.param1),
-        Message::Raw(
-            R::HEARTBEAT(_)
-            | R::COMMAND_ACK(_)
-            | R::STATUSTEXT(_)
-            | R::MISSION_REQUEST(_)
-            | R::MISSION_REQUEST_INT(_)
-            | R::MISSION_REQUEST_LIST(_)
-            | R::MISSION_REQUEST_PARTIAL_LIST(_)
-            | R::MISSION_ACK(_),
+        Message::Raw(raw::MavMessage::COMMAND_LONG(m)) => Some(m.command),
+        Message::Raw(raw::MavMessage::COMMAND_INT(m)) => Some(m.command),
+        _ => None,
+    }
+}
+
+const fn is_mode_change(message: &Message, number: Option<u16>) -> bool {
+    matches!(message, Message::Raw(raw::MavMessage::SET_MODE(_)))
+        || matches!(
+            number,
+            Some(
+                cmd::DO_PAUSE_CONTINUE
+                    | cmd::NAV_LOITER_UNLIM
+                    | cmd::DO_SET_MODE
+                    | cmd::DO_SET_STANDARD_MODE
+            )
         )
-        | Message::Standard(
-            S::HEARTBEAT(_)
-            | S::LOG_REQUEST_DATA(_)
-            | S::LOG_REQUEST_END(_)
-            | S::LOG_REQUEST_LIST(_)
-            | S::PARAM_REQUEST_LIST(_)
-            | S::PARAM_REQUEST_READ(_)
-            | S::SYSTEM_TIME(_)
-            | S::TIMESYNC(_),
-        ) => Intent::Watch,
-        Message::Raw(R::PARAM_SET(_))
-        | Message::Standard(S::FILE_TRANSFER_PROTOCOL(_) | S::LOG_ERASE(_) | S::SETUP_SIGNING(_)) => {
-            Intent::Configure
-        }
-        Message::Standard(m) if is_origin(m) => Intent::Configure,
-        Message::Standard(m) if is_ping(m) => Intent::Watch,
-        _ => Intent::Fly,
-    }
-}
-
-#[expect(
-    deprecated,
-    reason = "MAV_CMD_DO_SET_GLOBAL_ORIGIN takes its place, stations still send the message"
-)]
-const fn is_origin(m: &standard::MavMessage) -> bool {
-    matches!(m, standard::MavMessage::SET_GPS_GLOBAL_ORIGIN(_))
-}
-
-#[expect(
-    deprecated,
-    reason = "TIMESYNC takes its place, stations still send it"
-)]
-const fn is_ping(m: &standard::MavMessage) -> bool {
-    matches!(m, standard::MavMessage::PING(_))
-}
-
-fn of_command(number: u16, param1: f32) -> Intent {
-    match number {
-        cmd::NAV_LAND | cmd::NAV_LOITER_UNLIM => Intent::Stop,
-        cmd::DO_PAUSE_CONTINUE if param1.abs() < 0.5 => Intent::Stop,
-        cmd::GET_HOME_POSITION
-        | cmd::GET_MESSAGE_INTERVAL
-        | cmd::REQUEST_AUTOPILOT_CAPABILITIES
-        | cmd::REQUEST_MESSAGE
-        | cmd::REQUEST_OPERATOR_CONTROL
-        | cmd::REQUEST_PROTOCOL_VERSION
-        | cmd::RUN_PREARM_CHECKS
-        | cmd::SET_MESSAGE_INTERVAL => Intent::Watch,
-        cmd::ACTUATOR_TEST
-        | cmd::DO_MOTOR_TEST
-        | cmd::DO_SET_GLOBAL_ORIGIN
-        | cmd::PREFLIGHT_CALIBRATION
-        | cmd::PREFLIGHT_REBOOT_SHUTDOWN
-        | cmd::PREFLIGHT_STORAGE => Intent::Configure,
-        _ => Intent::Fly,
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavlink_dialect::standard;
 
     fn long(command: u16, param1: f32) -> Message {
         Message::Raw(raw::MavMessage::COMMAND_LONG(raw::COMMAND_LONG_DATA {
@@ -119,10 +81,16 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_has_heard_of_counts_as_flying() {
-        assert_eq!(of(&long(54_321, 0.0)), Intent::Fly);
+    fn arming_and_cutting_the_motors_fly_and_what_nobody_knows_does_nothing() {
         assert_eq!(of(&long(cmd::COMPONENT_ARM_DISARM, 1.0)), Intent::Fly);
         assert_eq!(of(&long(cmd::DO_FLIGHTTERMINATION, 1.0)), Intent::Fly);
+        assert_eq!(of(&long(54_321, 0.0)), Intent::Watch);
+    }
+
+    #[test]
+    fn control_may_be_asked_for_by_who_does_not_have_it() {
+        let request = long(cmd::REQUEST_OPERATOR_CONTROL, 1.0);
+        assert_eq!(of(&request), Intent::Watch);
     }
 
     #[test]

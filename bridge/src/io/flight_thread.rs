@@ -10,6 +10,7 @@
 use super::clock::Clock;
 use super::endpoint::Endpoint;
 use super::line::{Line, LineError};
+use super::logger::FlightTap;
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
 use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
@@ -18,6 +19,7 @@ use crate::autopilot::insight::Insight;
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
+use crate::log::{Emitted, FlightRecord, Part};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
@@ -153,11 +155,16 @@ impl FlightHandle {
     }
 }
 
-/// Starts the thread. A line that is not there yet is waited for.
+/// Starts the thread. A line that is not there yet is waited for. What goes in and out is recorded through the tap, if there is one.
 ///
 /// # Errors
 /// [`LineError`]: no kind of line a flight controller is on, or the system has no threads left.
-pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightHandle, LineError> {
+pub fn start(
+    flight: Flight,
+    endpoint: Endpoint,
+    clock: Clock,
+    tap: Option<FlightTap>,
+) -> Result<FlightHandle, LineError> {
     if !matches!(endpoint, Endpoint::Serial { .. } | Endpoint::TcpClient(_)) {
         return Err(LineError::Kind(endpoint));
     }
@@ -201,6 +208,8 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         kept,
         own: Histogram::default(),
         was_armed: false,
+        tap,
+        is_line_lost: false,
     };
     thread::Builder::new()
         .name("flight".to_owned())
@@ -372,6 +381,10 @@ struct Shell {
     /// From the stamp of a reply to the end of the write of the frame it caused.
     own: Histogram,
     was_armed: bool,
+    /// Into the flight log.
+    tap: Option<FlightTap>,
+    /// A write has failed: `Flight` is told once its outputs are carried out.
+    is_line_lost: bool,
 }
 
 impl Shell {
@@ -404,13 +417,28 @@ impl Shell {
         let now = self.clock.now();
         let is_reply = matches!(input, Input::Fc(_));
         let rc_before = self.flight.rc_frames_sent();
+        let ticks = self.flight.snapshot().flight_loop.ticks;
+        if let Some(tap) = &mut self.tap {
+            let input = input.clone();
+            tap.put(FlightRecord::Input { at: now, input });
+        }
         self.flight.handle(now, input);
-        self.carry_out();
+        self.carry_out(now);
         if self.flight.rc_frames_sent() != rc_before {
             self.kept.refresh(now, self.flight.standby());
         }
         if is_reply && self.flight.rc_frames_sent() != rc_before {
             self.own.record(self.clock.now().since(now));
+        }
+        let snapshot = self.flight.snapshot();
+        if snapshot.flight_loop.ticks != ticks
+            && let Some(tap) = &mut self.tap
+        {
+            let digests = Part::digests(snapshot);
+            tap.put(FlightRecord::Tick { at: now, digests });
+        }
+        if core::mem::take(&mut self.is_line_lost) {
+            self.handle(Input::FcClosed);
         }
     }
 
@@ -473,11 +501,19 @@ impl Shell {
     }
 
     fn lose_line(&mut self) {
-        if self.line.take().is_some() {
+        if self.drop_line() {
+            self.handle(Input::FcClosed);
+        }
+    }
+
+    /// True if there was one.
+    fn drop_line(&mut self) -> bool {
+        let was_there = self.line.take().is_some();
+        if was_there {
             self.kept.set_line(None);
             let _ = self.want_line.try_send(());
-            self.flight.handle(self.clock.now(), Input::FcClosed);
         }
+        was_there
     }
 
     fn read_line(&mut self) {
@@ -500,14 +536,18 @@ impl Shell {
         }
     }
 
-    fn carry_out(&mut self) {
+    fn carry_out(&mut self, at: Timestamp) {
         while let Some(output) = self.flight.poll() {
+            if let Some(tap) = &mut self.tap {
+                let output = Emitted::from(&output);
+                tap.put(FlightRecord::Output { at, output });
+            }
             match output {
                 Output::Fc(bytes) => {
                     if let Some(line) = &mut self.line
                         && line.write(&bytes).is_err()
                     {
-                        self.lose_line();
+                        self.is_line_lost |= self.drop_line();
                     }
                 }
                 Output::Answer(answer) => drop(self.tell.try_send(News::Answer(answer))),
@@ -518,7 +558,7 @@ impl Shell {
         if let Some(line) = &mut self.line
             && line.flush().is_err()
         {
-            self.lose_line();
+            self.is_line_lost |= self.drop_line();
         }
     }
 

@@ -14,7 +14,7 @@
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
-//! | [`record`] | the flight log: every input of `Flight` |
+//! | [`logger`] | flight logs on disk, by a thread of their own |
 //! | [`folder`] | flight logs and uploads on disk, safe from names and links |
 //! | [`keep`] | documents on disk, written atomically |
 
@@ -27,9 +27,10 @@ pub mod folder;
 pub mod keep;
 pub mod line;
 pub mod lockstep;
+pub mod logger;
 pub mod net;
 pub mod passthrough;
 pub mod realtime;
-pub mod record;
+pub mod route;
 pub mod timer;
 pub mod truth;

@@ -2,7 +2,7 @@
 //!
 //! | Bytes | Field | |
 //! | --- | --- | --- |
-//! | 0..8 | `lease` | u64 LE: number of the ownership it flies by ([`Control::lease`](crate::gcs::control_lock::Control)), 0 none |
+//! | 0..8 | `lease` | u64 LE: number of the ownership it flies by ([`Control::lease`](crate::gcs::operator::Control)), 0 none |
 //! | 8..12 | `seq` | u32 LE: grows with every message of this socket |
 //! | 12..20 | `t_client` | f64 LE: the page's clock, ms, any zero |
 //! | 20.. | | MAVLink frames, whole ones |

@@ -2,7 +2,7 @@
 
 use crate::autopilot::door::Snapshot;
 use crate::autopilot::insight::Insight;
-use crate::gcs::control_lock::Control;
+use crate::gcs::operator::Control;
 
 /// One look at the vehicle.
 #[derive(Clone, Debug, Default)]

@@ -113,8 +113,15 @@ impl Gate {
         spacing
     }
 
-    pub(crate) fn judge(&mut self, at: Timestamp, innovation: f64, variance: f64) -> Verdict {
-        let normalised = innovation * innovation / variance;
+    /// Judges an innovation by its predicted variance; the caller has its inverse at hand.
+    pub(crate) fn judge(
+        &mut self,
+        at: Timestamp,
+        innovation: f64,
+        variance: f64,
+        inverse: f64,
+    ) -> Verdict {
+        let normalised = innovation * innovation * inverse;
         self.status.innovation = innovation;
         self.status.normalised = normalised;
         if normalised <= GATE {
@@ -143,13 +150,13 @@ mod tests {
     fn a_spike_is_refused_and_a_second_of_spikes_is_believed() {
         let mut gate = Gate::default();
         let at = Timestamp::from_ms;
-        assert_eq!(gate.judge(at(0), 1.0, 1.0), Verdict::Use);
-        assert_eq!(gate.judge(at(100), 10.0, 1.0), Verdict::Refuse);
-        assert_eq!(gate.judge(at(200), 1.0, 1.0), Verdict::Use);
-        assert_eq!(gate.judge(at(300), 10.0, 1.0), Verdict::Refuse);
-        assert_eq!(gate.judge(at(1290), 10.0, 1.0), Verdict::Refuse);
+        assert_eq!(gate.judge(at(0), 1.0, 1.0, 1.0), Verdict::Use);
+        assert_eq!(gate.judge(at(100), 10.0, 1.0, 1.0), Verdict::Refuse);
+        assert_eq!(gate.judge(at(200), 1.0, 1.0, 1.0), Verdict::Use);
+        assert_eq!(gate.judge(at(300), 10.0, 1.0, 1.0), Verdict::Refuse);
+        assert_eq!(gate.judge(at(1290), 10.0, 1.0, 1.0), Verdict::Refuse);
         assert_eq!(
-            gate.judge(at(1300), 10.0, 1.0),
+            gate.judge(at(1300), 10.0, 1.0, 1.0),
             Verdict::Widen(100.0 / GATE - 1.0)
         );
         assert_eq!((gate.status().accepted, gate.status().rejected), (3, 3));

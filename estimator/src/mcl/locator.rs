@@ -73,6 +73,9 @@ pub struct Fix {
     pub covariance: [[f64; 3]; 3],
     /// True if the pose jumped: it is no continuation of the one before.
     pub is_jump: bool,
+    /// How much the vehicle saw that it had not seen at the fix before, 0..=1: who stands still sees the same walls with the
+    /// same errors.
+    pub news: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -285,7 +288,7 @@ impl Locator {
         let dt = self
             .updated
             .map_or(FIT_S, |(then, _)| at.seconds_since(then).clamp(0.0, 10.0));
-        self.updated = Some((at, odometry));
+        let is_first = self.updated.replace((at, odometry)).is_none();
         if self.status.state == LocalizationState::Off {
             self.status.state = LocalizationState::Searching;
         }
@@ -304,7 +307,7 @@ impl Locator {
         self.pending_weight = 0;
         self.pending_since = None;
 
-        let news = if self.phase == Phase::Confirming {
+        let news = if is_first {
             1.0
         } else {
             (step.length() / NEWS_M + step.yaw.abs() / NEWS_RAD).clamp(NEWS_STILL, 1.0)
@@ -350,6 +353,7 @@ impl Locator {
             odometry,
             covariance: cluster.covariance,
             is_jump,
+            news,
         })
     }
 

@@ -19,6 +19,7 @@ mod travel;
 
 use crate::coverage::Coverage;
 use crate::evade::Evader;
+use crate::fence::{Fence, Site, Zone};
 use crate::params::PlannerParams;
 use crate::route::{MAX_CORNERS, Path, RouteError, Router};
 use crate::tracks::Tracker;
@@ -42,6 +43,10 @@ const SURE_WEIGHT: f64 = 0.16;
 const SEEN_MAX: usize = 1024;
 /// How far around seen obstacles are added to a search, m.
 const SEEN_RADIUS_M: f64 = 6.0;
+
+/// Points of borders kept for the avoidance, and how far apart they are at least, m.
+const BORDER_MAX: usize = 4096;
+const BORDER_STEP_M: f64 = 0.1;
 
 /// Where to go.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,6 +84,17 @@ pub struct Steering {
     pub arrived: bool,
     /// How the way looks.
     pub state: SteeringState,
+}
+
+/// What obstacle avoidance chose last, for people.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Avoidance {
+    /// How the way looks.
+    pub state: SteeringState,
+    /// Direction chosen by the histogram, counter-clockwise from plan x, rad; none if nothing was to choose.
+    pub chosen_rad: Option<f64>,
+    /// Nearest obstacle in any direction, from the vehicle's centre, m; infinite beyond the window.
+    pub nearest_m: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,8 +136,15 @@ pub struct Navigator {
     looked_over: Timestamp,
     planned: Timestamp,
     reset_counter: u8,
+    site: Arc<Site>,
+    home: In<Ned>,
+    /// Points of the fence's border, on the plan.
+    border: Vec<In<Map>>,
+    /// Points of the borders of the plan's no-fly zones.
+    no_fly: Vec<In<Map>>,
     seen: Vec<In<Map>>,
     sectors: [f32; SECTORS],
+    state: SteeringState,
     route_ned: ArrayVec<In<Ned>, MAX_CORNERS>,
 }
 
@@ -145,10 +168,17 @@ impl Navigator {
             plan.width() as f64 * plan.resolution_m(),
             plan.height() as f64 * plan.resolution_m(),
         ];
+        let zones = plan.no_fly.iter().map(|z| Zone::keep_out(z)).collect();
+        let mut no_fly = Vec::new();
+        outline(&Fence::new(zones), |p| {
+            no_fly.push(In::new(p[0], p[1], 0.0))
+        });
+        let mut router = Router::new(Arc::clone(&plan), radius_m, &params);
+        router.measure_from(anchor.to_map(In::zero()));
         Self {
             anchor,
             radius_m,
-            router: Router::new(Arc::clone(&plan), radius_m, &params),
+            router,
             walls: WallRaster::new(&plan),
             wall_distance: plan.distance_field(0.6),
             grid: CertaintyGrid::new(plan.origin(), size_m, &vfh),
@@ -170,8 +200,13 @@ impl Navigator {
             looked_over: Timestamp::ZERO,
             planned: Timestamp::ZERO,
             reset_counter: 0,
+            site: Arc::default(),
+            home: In::zero(),
+            border: Vec::with_capacity(BORDER_MAX),
+            no_fly,
             seen: Vec::with_capacity(SEEN_MAX),
             sectors: [f32::INFINITY; SECTORS],
+            state: SteeringState::default(),
             route_ned: ArrayVec::new(),
             params,
             vfh,
@@ -184,6 +219,57 @@ impl Navigator {
         self.grid.set_params(&vfh);
         self.histogram = Histogram::new(&vfh, self.radius_m);
         (self.params, self.vfh) = (params, vfh);
+    }
+
+    /// Takes over what a station drew; gives the old one back to be freed elsewhere. Goals and ways keep inside from now on;
+    /// what is flown to already is not looked at again. Takes a millisecond or two, so not for every tick.
+    pub fn set_site(&mut self, site: Arc<Site>) -> Arc<Site> {
+        self.router.set_fence(&site.fence, &self.anchor);
+        self.set_home(self.home);
+        self.border.clear();
+        let (border, anchor) = (&mut self.border, &self.anchor);
+        outline(&site.fence, |p| {
+            if border.len() < BORDER_MAX {
+                border.push(anchor.to_map(In::new(p[0], p[1], 0.0)));
+            }
+        });
+        core::mem::replace(&mut self.site, site)
+    }
+
+    /// True if the goal lies beyond the fence, or too near to its border to be one.
+    #[must_use]
+    pub fn is_goal_fenced_off(&self) -> bool {
+        self.goal.is_some_and(|g| {
+            let room_m = self.router.room_m(self.anchor.to_map(g.position));
+            room_m < self.radius_m
+        })
+    }
+
+    /// What a station drew.
+    #[must_use]
+    pub const fn site(&self) -> &Arc<Site> {
+        &self.site
+    }
+
+    /// Home is elsewhere now: measures the ways to it, which takes some milliseconds.
+    pub fn set_home(&mut self, home: In<Ned>) {
+        self.home = home;
+        self.router.measure_from(self.anchor.to_map(home));
+    }
+
+    /// Length of the way home on the plan, m, whatever was seen; none where none leads there or the place is not known.
+    #[must_use]
+    pub fn way_home_m(&self, nav: &NavState) -> Option<f64> {
+        let known = nav.health.position && nav.position.is_finite();
+        known
+            .then(|| self.router.measured_m(self.anchor.to_map(nav.position)))
+            .flatten()
+    }
+
+    /// Length of the way from here to a place, m; none if there is none.
+    pub fn way_m(&mut self, to: In<Ned>, nav: &NavState) -> Option<f64> {
+        let path = self.search(to, nav).ok()?;
+        Some(path.windows(2).map(|w| distance(w[0], w[1])).sum())
     }
 
     /// Flies to a place, then hovers there. A place less than 0.4 m away is only hovered at.
@@ -252,6 +338,21 @@ impl Navigator {
         &self.sectors
     }
 
+    /// What was chosen in the last step.
+    #[must_use]
+    pub fn avoidance(&self) -> Avoidance {
+        Avoidance {
+            state: self.state,
+            chosen_rad: self.previous_rad,
+            nearest_m: self
+                .sectors
+                .iter()
+                .copied()
+                .fold(f32::INFINITY, f32::min)
+                .into(),
+        }
+    }
+
     /// The histogram of the last step on the way: sectors counter-clockwise from plan x, for the console.
     #[must_use]
     pub const fn histogram(&self) -> &Histogram {
@@ -314,6 +415,12 @@ impl Navigator {
 
     /// What to do now.
     pub fn step(&mut self, now: Timestamp, nav: &NavState) -> Steering {
+        let steering = self.steer(now, nav);
+        self.state = steering.state;
+        steering
+    }
+
+    fn steer(&mut self, now: Timestamp, nav: &NavState) -> Steering {
         let Some(goal) = self.goal else {
             return stand(nav, nav.position.z(), self.kept_yaw_rad, f64::INFINITY);
         };
@@ -354,6 +461,16 @@ impl Navigator {
         if nav.health.position {
             around.add_walls(&self.walls);
         }
+        if nav.health.position && self.router.room_m(here) > 0.0 {
+            for p in &self.no_fly {
+                around.add_border(*p);
+            }
+            if self.activity == Activity::Travel {
+                for p in &self.border {
+                    around.add_border(*p);
+                }
+            }
+        }
         around.add_cells(&self.grid, now);
         let believed = self.recent.fresh(now).filter(|r| r.is_supported);
         for echo in believed.filter_map(|r| r.unexplained) {
@@ -380,6 +497,17 @@ impl Navigator {
     fn world_vector(&self, v: Vector2<f64>) -> In<Ned> {
         let zero = self.anchor.to_ned(In::zero());
         (self.anchor.to_ned(In::new(v.x, v.y, 0.0)) - zero).with_z(0.0)
+    }
+}
+
+/// Calls `see` with points of the borders of a fence; not where one zone to stay in goes over into another.
+fn outline(fence: &Fence, mut see: impl FnMut([f64; 2])) {
+    for zone in fence.zones() {
+        zone.shape.outline(BORDER_STEP_M, |p| {
+            if fence.room_m(p) < 0.5 * BORDER_STEP_M {
+                see(p);
+            }
+        });
     }
 }
 

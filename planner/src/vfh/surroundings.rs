@@ -145,6 +145,11 @@ impl Surroundings {
         });
     }
 
+    /// Adds a point of a border that nobody may cross: as good as a wall.
+    pub fn add_border(&mut self, p: In<Map>) {
+        self.add(p, 1.0);
+    }
+
     /// Adds a single echo.
     pub fn add_echo(&mut self, p: In<Map>) {
         self.add(p, ECHO_WEIGHT);

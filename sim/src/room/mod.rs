@@ -6,6 +6,7 @@
 //! | `office` | 12 x 9 m: lab, workshop, corridor, offices, meeting room, kitchen, store; furnished, no two rooms alike |
 //! | `corridor` | a long corridor with a bend and two niches: little to see along it |
 //! | `maze` | 6 x 6 m of panels, as in the recorded nano quadcopter flights |
+//! | `maze:SEED` | 7 x 7 m of panels, another one for each number |
 //!
 //! A room of your own is a floor plan: [`Room::from_plan`].
 
@@ -14,6 +15,7 @@ mod draw;
 mod facts;
 mod maze;
 mod office;
+mod random_maze;
 
 pub use facts::{Door, DoorFacts, Place, RoomFacts};
 
@@ -52,6 +54,9 @@ impl Room {
             "office" => Ok(office::draw().finish("office")),
             "corridor" => Ok(corridor::draw().finish("corridor")),
             "maze" => Ok(maze::draw().finish("maze")),
+            other if random_seed(other).is_some() => {
+                Ok(random_maze::draw(random_seed(other).unwrap_or(0)).finish(other))
+            }
             other => Err(RoomError::Unknown(other.to_owned())),
         }
     }
@@ -65,6 +70,33 @@ impl Room {
             walls: Walls::new(plan.wall_segments()),
             doors: Vec::new(),
             plan: Arc::new(plan),
+        }
+    }
+
+    /// The room with zones on its plan that are not to be flown over, corners in plan metres.
+    #[must_use]
+    pub fn with_no_fly(mut self, zones: &[Vec<[f64; 2]>]) -> Self {
+        Arc::make_mut(&mut self.plan)
+            .no_fly
+            .extend_from_slice(zones);
+        self
+    }
+
+    /// The room with boxes in it that the plan does not show: centre x, y and side, plan metres.
+    #[must_use]
+    pub fn with_unmapped(self, boxes: &[[f64; 3]]) -> Self {
+        let mut segments = self.walls.segments().to_vec();
+        for [x, y, side] in boxes {
+            let h = 0.5 * side;
+            let corners = [[-h, -h], [h, -h], [h, h], [-h, h]].map(|[dx, dy]| [x + dx, y + dy]);
+            segments.extend((0..4).map(|k| Segment {
+                a: corners[k],
+                b: corners[(k + 1) % 4],
+            }));
+        }
+        Self {
+            walls: Walls::new(segments),
+            ..self
         }
     }
 
@@ -115,6 +147,11 @@ impl Room {
     }
 }
 
+/// The number of `maze:7`.
+fn random_seed(name: &str) -> Option<u64> {
+    name.strip_prefix("maze:")?.parse().ok()
+}
+
 #[cfg(test)]
 #[allow(clippy::float_cmp, reason = "exact by construction")]
 mod tests {
@@ -122,7 +159,9 @@ mod tests {
     use vehicle::{In, Map};
 
     fn bundled() -> impl Iterator<Item = Room> {
-        Room::BUNDLED.iter().map(|name| Room::named(name).unwrap())
+        let mazes = (1..=5).map(|seed| format!("maze:{seed}"));
+        let names = Room::BUNDLED.iter().map(|n| (*n).to_owned()).chain(mazes);
+        names.map(|name| Room::named(&name).unwrap())
     }
 
     #[test]
@@ -242,6 +281,22 @@ mod tests {
             let share = misfit as f64 / (2 * office.segments().len()) as f64;
             assert!(share > 0.3, "turned {quarter} x 90 degrees: {share}");
         }
+    }
+
+    #[test]
+    fn boxes_that_the_plan_does_not_show_stand_in_the_room() {
+        let maze = Room::named("maze:3").unwrap();
+        let same = Room::named("maze:3").unwrap();
+        assert_eq!(maze.floor_plan(), same.floor_plan());
+        assert_ne!(
+            maze.floor_plan().cells(),
+            Room::named("maze:4").unwrap().floor_plan().cells()
+        );
+        let home = maze.home();
+        let with_box = same.with_unmapped(&[[home.x_m + 0.5, home.y_m, 0.2]]);
+        let (d, _) = with_box.walls().nearest([home.x_m, home.y_m], 5.0).unwrap();
+        assert!((d - 0.4).abs() < 1e-9, "{d}");
+        assert_eq!(with_box.floor_plan(), maze.floor_plan());
     }
 
     #[test]

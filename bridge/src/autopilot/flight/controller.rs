@@ -58,6 +58,7 @@ impl Flight {
                     received_us,
                 } => {
                     let received = Timestamp::from_us(received_us);
+                    self.bench_answered(now, reply.command(), true);
                     self.reply(received, sampled_at(sent_us, received), &reply);
                 }
                 Said::Lost { noise_bytes, .. } => self.lose_controller(noise_bytes > 0),
@@ -69,6 +70,9 @@ impl Flight {
                     service_hz: service_rate_hz.round() as u16,
                     has_cli_line: cli_line.is_some(),
                 }))),
+                Said::Refused { command } | Said::Unanswered { command } => {
+                    self.bench_answered(now, command, false);
+                }
                 Said::Restarted => {
                     self.emit(Output::Event(Event::Notice(Notice::FcRestarted)));
                 }
@@ -76,11 +80,7 @@ impl Flight {
                     self.link.is_stalled = true;
                     self.emit(Output::Event(Event::Notice(Notice::FcStalled)));
                 }
-                Said::Changed(_)
-                | Said::Recovered { .. }
-                | Said::Refused { .. }
-                | Said::Unanswered { .. }
-                | Said::Malformed(_) => {}
+                Said::Changed(_) | Said::Recovered { .. } | Said::Malformed(_) => {}
             }
         }
         let replies = self.client.statistics().replies;

@@ -115,6 +115,7 @@ pub const fn refusal_of(e: &RouteError) -> Refusal {
     match e {
         RouteError::NoWay => Refusal::NoRoute,
         RouteError::NotFinite => Refusal::BadNumber,
+        RouteError::OutsideFence { .. } => Refusal::OutsideFence,
         _ => Refusal::PlaceBlocked,
     }
 }

@@ -2,7 +2,7 @@
 
 mod attitude;
 mod avoid;
-mod chart;
+pub(crate) mod chart;
 mod mcl;
 mod progress;
 mod uquad;

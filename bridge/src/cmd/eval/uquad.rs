@@ -39,6 +39,9 @@ pub(crate) struct UquadArgs {
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Write the streams as a flight log too (MCAP); `kestrel log export --format uquad` makes uQuad's text files of it again.
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
     /// Arithmetic, constants and law of the run of 23 March 2012, misprints and all, from row 200 on.
     #[arg(long)]
     legacy: bool,
@@ -202,7 +205,8 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
     let config = args.config()?;
     let calibration = Calibration::parse(&read(&args.calib, "calibration")?)
         .with_context(|| format!("cannot use the calibration {}", args.calib.display()))?;
-    let (frames, refused_rows) = read_frames(&read(&args.raw, "log")?);
+    let (rows, refused_rows) = read_rows(&read(&args.raw, "log")?);
+    let frames: Vec<RawFrame> = rows.iter().map(|row| row.frame).collect();
     let mut terminal = Terminal::new(args.quiet);
     for row in refused_rows.iter().take(SHOWN) {
         terminal.line(&format!("not used: {row}"));
@@ -236,6 +240,10 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot make {}", args.out.display()))?;
     report::write(args, &outcome)?;
+    if let Some(path) = &args.log {
+        let bytes = report::log(args, &rows, &outcome)?;
+        std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     terminal.line(&format!(
         "{} frames, {} estimates, {} rows not used, {} remarks: {}",
         outcome.frames,
@@ -251,9 +259,11 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Frames of a log in either format, and the rows that are none with their reasons.
-fn read_frames(text: &str) -> (Vec<RawFrame>, Vec<String>) {
-    let mut frames = Vec::new();
+/// Rows of a log in either format, and the lines that are none with their reasons. Text frames of the board carry no host
+/// time: theirs is the board's.
+fn read_rows(text: &str) -> (Vec<LogRow>, Vec<String>) {
+    let mut rows = Vec::new();
+    let mut board_us = 0;
     let mut refused = Vec::new();
     let mut before: Option<LogRow> = None;
     for (number, line) in text.lines().enumerate() {
@@ -262,22 +272,30 @@ fn read_frames(text: &str) -> (Vec<RawFrame>, Vec<String>) {
             continue;
         }
         let answer = if line.starts_with(['A', 'C']) {
-            ascii::parse_line(line).map_err(|e| e.to_string())
+            ascii::parse_line(line)
+                .map(|frame| {
+                    board_us += u64::from(frame.since_previous_us);
+                    LogRow {
+                        host_us: board_us,
+                        frame,
+                    }
+                })
+                .map_err(|e| e.to_string())
         } else {
             LogRow::parse(line)
                 .and_then(|row| {
                     before.map_or(Ok(()), |b| row.follows(&b))?;
                     before = Some(row);
-                    Ok(row.frame)
+                    Ok(row)
                 })
                 .map_err(|e| e.to_string())
         };
         match answer {
-            Ok(frame) => frames.push(frame),
+            Ok(row) => rows.push(row),
             Err(why) => refused.push(format!("line {}: {why}", number + 1)),
         }
     }
-    (frames, refused)
+    (rows, refused)
 }
 
 fn replay(

@@ -3,7 +3,9 @@
 use super::super::chart::{self, Panel};
 use super::{Outcome, UquadArgs};
 use anyhow::{Context as _, Result};
+use bridge::log::uquad::UquadLog;
 use bridge::uquad::Step;
+use estimator::imu::replay::LogRow;
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -199,4 +201,42 @@ pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
+}
+
+/// The streams as a flight log, which opens with the matrices of gain and calibration.
+pub(super) fn log(args: &UquadArgs, rows: &[LogRow], outcome: &Outcome) -> Result<Vec<u8>> {
+    let mut facts = vec![
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("legacy", args.legacy.to_string()),
+        ("calibration", super::read(&args.calib, "calibration")?),
+    ];
+    for (name, path) in [("gains", &args.gains), ("integral", &args.integral)] {
+        if let Some(path) = path {
+            facts.push((name, super::read(path, name)?));
+        }
+    }
+    let mut log = UquadLog::new(&facts)?;
+    let time = |row: &LogRow| (row.host_us / 1_000_000, row.host_us % 1_000_000);
+    for row in rows {
+        let f = &row.frame;
+        let mut values = vec![f64::from(f.since_previous_us)];
+        values.extend(
+            f.accel
+                .iter()
+                .chain(&f.gyro)
+                .chain(&f.mag)
+                .map(|v| f64::from(*v)),
+        );
+        values.extend([f64::from(f.temperature_ddeg), f64::from(f.pressure_pa)]);
+        log.row(0, time(row), &values);
+    }
+    for step in &outcome.steps {
+        let Some(row) = rows.get(step.frame as usize) else {
+            continue;
+        };
+        log.row(1, time(row), &converted(step));
+        log.row(2, time(row), &step.state);
+        log.row(3, time(row), &step.speeds_radps);
+    }
+    Ok(log.finish())
 }
