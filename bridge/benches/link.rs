@@ -264,7 +264,7 @@ impl Table {
             }
             self.send();
             sent += 1;
-            if sent % (hz as u64).max(1) == 0 {
+            if sent.is_multiple_of((hz as u64).max(1)) {
                 self.keep_alive();
             }
         }
