@@ -2,8 +2,8 @@
 //!
 //! | `CTRL_POLICY` | Who may command |
 //! | --- | --- |
-//! | open | every pilot; control may be asked for and is shown, and hinders nobody but the pages of the console |
-//! | exclusive | the station in control; others get NOT_IN_CONTROL, STOP aside |
+//! | open | every pilot, as long as nobody has asked for control; then the station that has it, STOP aside |
+//! | exclusive | the station in control, which must be asked for; others get NOT_IN_CONTROL, STOP aside |
 //!
 //! | Happens | Then |
 //! | --- | --- |
@@ -19,7 +19,7 @@
 //!
 //! Parameters of the command: 1 action (0 release, 1 request), 2 takeover allowed (0 ask me, 1 always), 3 time to answer, s, 4 system
 //! of the station (0 = the sender; another is refused: nobody asks for somebody else).
-//! CONTROL_STATUS goes out once a second while the policy is exclusive, at each change, and on request.
+//! CONTROL_STATUS goes out once a second while somebody is in control or the policy is exclusive, at each change, and on request.
 
 use super::{Context, Destination, LinkId, Outbox, Peer, command as commands};
 use crate::autopilot::door::{ManualInput, Request, Severity};
@@ -116,7 +116,10 @@ impl OperatorControl {
     /// True if a station may command now.
     #[must_use]
     pub fn admits(&self, from: Peer, ctx: &Context<'_>) -> bool {
-        is_open(ctx) || self.has(from)
+        match self.owner {
+            Some(_) => self.has(from),
+            None => is_open(ctx),
+        }
     }
 
     fn has(&self, station: Peer) -> bool {
@@ -128,7 +131,7 @@ impl OperatorControl {
     pub fn reason(&self) -> String {
         match self.main_system() {
             0 => "nobody is in control (CTRL_POLICY exclusive): ask for it".to_owned(),
-            owner => format!("system {owner} is in control (CTRL_POLICY exclusive)"),
+            owner => format!("system {owner} is in control: ask for it"),
         }
     }
 
@@ -148,7 +151,7 @@ impl OperatorControl {
         let mut flags = GcsControlStatusFlags::GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER;
         flags.set(
             GcsControlStatusFlags::GCS_CONTROL_STATUS_FLAGS_TAKEOVER_ALLOWED,
-            is_open(ctx) || self.owner.is_none_or(|o| o.allows_takeover),
+            self.owner.is_none_or(|o| o.allows_takeover),
         );
         MavMessage::CONTROL_STATUS(CONTROL_STATUS_DATA {
             flags,
@@ -333,7 +336,7 @@ impl OperatorControl {
             && (owner.is_gone || now.since(owner.heard) >= OWNER_SILENT)
         {
             self.lose(now, owner, ctx, out);
-        } else if now >= self.next_status && !is_open(ctx) {
+        } else if now >= self.next_status && (self.owner.is_some() || !is_open(ctx)) {
             self.tell(now, ctx, out);
         }
     }
@@ -432,13 +435,17 @@ mod tests {
     }
 
     #[test]
-    fn open_control_hinders_nobody() {
+    fn open_control_hinders_nobody_until_somebody_asks_for_it() {
         let mut t = Table::new(ControlPolicy::Open);
         assert!(t.may(245) && t.may(246));
         assert_eq!(t.ask(245, 1, 0), result::ACCEPTED);
-        assert!(t.may(246));
+        assert!(t.may(245) && !t.may(246));
         assert_eq!(t.ask(246, 1, 0), result::FAILED, "the owner is asked");
         assert_eq!(t.control.main_system(), 245);
+        assert_eq!(t.ask(245, 0, 0), result::ACCEPTED);
+        assert!(!t.may(245) && t.may(246), "who waited has it now");
+        t.tick(3_100);
+        assert!(t.may(245) && t.may(246), "a silent owner is none");
     }
 
     #[test]

@@ -49,7 +49,7 @@ vehicle::params! {
         gps_emulation: bool "KST_GPS_EMU" = false;
         /// Action before the vehicle leaves the fence (none without a fence).
         fence_action: choice<FenceAction> "GF_ACTION" = FenceAction::Hold;
-        /// Who may command: every pilot, or the station that asked for control (REQUEST_OPERATOR_CONTROL).
+        /// Who may command while nobody has asked for control (REQUEST_OPERATOR_CONTROL): every pilot, or nobody.
         control_policy: choice<ControlPolicy> "CTRL_POLICY" = ControlPolicy::Open;
         /// Cells of the battery where the flight controller does not tell; 0 unknown.
         battery_cells: int "BAT1_N_CELLS" = 0, "1", 0..=16;

@@ -8,7 +8,7 @@ use super::super::params::Identity;
 use super::super::place::Place;
 use super::super::{Context, Destination, Outbox, Peer, keys, origin};
 use super::Streams;
-use crate::autopilot::bench_work::{MotorTurn, Sensor};
+use crate::autopilot::door::{MotorTurn, Sensor};
 use crate::autopilot::door::{GoTo, Request, Severity};
 use crate::autopilot::mode::Mode;
 use mavlink_dialect::command::{self, Command, cmd, result};

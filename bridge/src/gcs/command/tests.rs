@@ -5,7 +5,7 @@ use super::super::convert::GeoAnchor;
 use super::super::keys;
 use super::super::params::Identity;
 use super::*;
-use crate::autopilot::bench_work::{MotorTurn, Sensor};
+use crate::autopilot::door::{MotorTurn, Sensor};
 use crate::autopilot::door::{FcStatus, GoTo, Key, Refusal, Step};
 use crate::autopilot::mode::Mode;
 use proptest::prelude::*;
