@@ -100,7 +100,7 @@ export function flyPane(app) {
     const flying = armed && s.landed === 1;
     const mode = s ? app.modes[s.mode] : '';
     for (const [key, button] of Object.entries(actions)) {
-      const may = { takeoff: isMine && armed && s.landed === 0, land: armed, return: isMine && flying, hold: isMine && armed, patrol: isMine && (s?.items ?? 0) > 0, sticks: canFly() }[key];
+      const may = { takeoff: isMine && armed && s.landed === 0, land: isMine && armed, return: isMine && flying, hold: isMine && armed, patrol: isMine && (s?.items ?? 0) > 0, sticks: canFly() }[key];
       button.disabled = !may;
     }
     const pressed = { Hold: 'hold', Mission: 'patrol', Return: 'return', Land: 'land', Takeoff: 'takeoff' }[mode];

@@ -432,7 +432,7 @@ export class PlanView extends EventTarget {
       else {
         const fade = ctx.createRadialGradient(p[0], p[1], 0, p[0], p[1], r * 0.8);
         fade.addColorStop(0, this.colour.cone);
-        fade.addColorStop(1, 'transparent');
+        fade.addColorStop(1, `${this.colour.cone}00`);
         ctx.fillStyle = fade;
       }
       ctx.globalAlpha = isHit ? 0.2 : 0.16;

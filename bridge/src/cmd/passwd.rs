@@ -22,7 +22,7 @@ pub(crate) struct PasswdArgs {
     /// Log-in name.
     #[arg(value_name = "NAME", required_unless_present = "list")]
     name: Option<String>,
-    /// What the user may do: viewer (watch, stop, land), pilot (fly), engineer (parameters, logs), admin (users). A new user
+    /// What the user may do: viewer (watch, stop), pilot (fly), engineer (parameters, logs), admin (users). A new user
     /// is a viewer.
     #[arg(long, value_name = "ROLE")]
     role: Option<Role>,

@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// What a user may do; each role may do what those before it may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
-    /// Sees everything, may stop and land: the guard.
+    /// Sees everything, may stop: the guard.
     Viewer,
     /// Takes control, arms, flies, writes missions.
     Pilot,
