@@ -1,5 +1,6 @@
 //! What to simulate, and why it may not be possible.
 
+use crate::device::LaserConfig;
 use crate::fc::FcConfig;
 use crate::room::Room;
 use crate::walker::Walker;
@@ -48,6 +49,12 @@ pub struct VehicleConfig {
     /// [`felt`](crate::Simulator::felt) to it and [`motors`](crate::Simulator::command_motors) back.
     #[serde(default)]
     pub outside_fc: bool,
+    /// Lidars with a line of their own, besides the ring: their bytes come out ([`SimOutput::Laser`](crate::SimOutput::Laser)).
+    #[serde(default)]
+    pub lasers: Vec<LaserConfig>,
+    /// The rangers of the ring fire only when they are triggered ([`trigger`](crate::Simulator::trigger)), as sonars on GPIO lines do.
+    #[serde(default)]
+    pub ring_waits: bool,
 }
 
 impl VehicleConfig {
@@ -62,6 +69,8 @@ impl VehicleConfig {
             charge: 1.0,
             fc: FcConfig::default(),
             outside_fc: false,
+            lasers: Vec::new(),
+            ring_waits: false,
         }
     }
 }

@@ -40,6 +40,13 @@ pub enum SimOutput {
     Flow(FlowSample),
     /// From one ranger of the ring.
     Ranger(RangerReading),
+    /// From the line of a lidar of its own.
+    Laser {
+        /// Which.
+        laser: u8,
+        /// The bytes.
+        bytes: ArrayVec<u8, BURST>,
+    },
 }
 
 /// Something that can be broken and mended in flight.
@@ -53,6 +60,8 @@ pub enum Fault {
     DownSilent,
     /// One ranger of the ring is silent.
     RangerSilent(u8),
+    /// The line of a lidar of its own is silent.
+    LaserSilent(u8),
 }
 
 impl Fault {
@@ -200,6 +209,27 @@ impl Simulator {
     /// If there is no such vehicle; so do all methods that take one.
     pub fn write_fc(&mut self, vehicle: usize, bytes: &[u8]) {
         self.crafts[vehicle].write_fc(self.now, bytes);
+    }
+
+    /// Triggers a ranger of the ring, now: what it measures; none if it is silent or there is no such.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn trigger(&mut self, vehicle: usize, ranger: u8) -> Option<RangerReading> {
+        let shared = Shared {
+            world: &self.world,
+            anchor: &self.anchor,
+            index: vehicle,
+        };
+        self.crafts[vehicle].trigger(self.now, ranger, &shared)
+    }
+
+    /// The companion computer writes to the line of a lidar, now.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn write_laser(&mut self, vehicle: usize, laser: usize, bytes: &[u8]) {
+        self.crafts[vehicle].write_laser(self.now, laser, bytes);
     }
 
     /// What the sensors of a flight controller outside feel now; none for the fake one, which has its own.

@@ -352,7 +352,8 @@ impl Arbiter {
             | Request::SetHome(_)
             | Request::SetParam { .. }
             | Request::GroundHeartbeat
-            | Request::ShutDown => Err(Refusal::Unsupported),
+            | Request::ShutDown
+            | Request::Sensed(_) => Err(Refusal::Unsupported),
         }
     }
 

@@ -7,6 +7,7 @@
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
+use crate::sensor::Sample;
 use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
 use msp::message::FcVariant;
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 use vehicle::{
-    BaroSample, BatterySample, DownRange, FlowSample, Frd, ImuSample, In, NavState, Ned,
+    BaroSample, BatterySample, DownRange, FlowSample, Frd, GnssFix, ImuSample, In, NavState, Ned,
     ParamValue, RangeScan, Rot, Setpoint, Sticks, Timestamp,
 };
 
@@ -99,6 +100,8 @@ pub enum Request {
     GroundHeartbeat,
     /// Land (or disarm on the ground); the program wants to end.
     ShutDown,
+    /// A sensor whose messages come over a link. It is not answered.
+    Sensed(Sample),
 }
 
 /// Target of [`Request::GoTo`]; none keeps what is.
@@ -837,6 +840,8 @@ pub struct Snapshot {
     pub down_range: Option<DownRange>,
     /// Newest optical flow.
     pub flow: Option<FlowSample>,
+    /// Newest satellite fix.
+    pub gnss: Option<GnssFix>,
     /// Newest reading of each horizontal ranger, as one scan.
     pub scan: Option<RangeScan>,
     /// A horizontal ranger spoke within the last second.

@@ -12,12 +12,14 @@ use crate::gcs::mission::MissionService;
 use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
+use crate::gcs::sensor_feed::SensorFeed;
 use crate::gcs::setpoint::SetpointService;
 use crate::gcs::signing::{self, LinkSigning};
 use crate::gcs::telemetry::Telemetry;
 use crate::gcs::text::{TextService, Told};
 use crate::gcs::{Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer};
 use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
+use crate::sensor::suite::MavlinkFeed;
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -133,6 +135,7 @@ pub struct Ground {
     command: CommandService,
     manual: ManualService,
     setpoint: SetpointService,
+    sensors: SensorFeed,
     keys: KeyConsole,
     signing: LinkSigning,
     fence: FenceWatch,
@@ -193,6 +196,7 @@ impl Ground {
             command: CommandService::new(),
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
+            sensors: SensorFeed::new(),
             keys: KeyConsole::new(),
             signing: LinkSigning::new(),
             fence: FenceWatch::new(),
@@ -225,6 +229,11 @@ impl Ground {
     /// Keys that the links of each endpoint are signed with, by number of the endpoint ([`LinkId::of`]); none = unsigned.
     pub fn set_keys(&mut self, keys: Vec<Option<SigningKey>>) {
         self.signing.set_keys(keys);
+    }
+
+    /// Takes messages of sensors from now on.
+    pub fn listen_to_sensors(&mut self, feed: MavlinkFeed) {
+        self.sensors.listen_to(feed);
     }
 
     /// A link came up: it is greeted with a heartbeat and gets telemetry. False if there are too many.
@@ -475,6 +484,7 @@ impl Ground {
             .handle(now, from, message, &ctx, &mut self.telemetry, out);
         self.manual.handle(now, from, message, &ctx, out);
         self.setpoint.handle(now, from, message, &ctx, out);
+        self.sensors.handle(now, from, message, out);
         self.mission.handle(now, from, message, &ctx, out);
         self.params.handle(now, from, message, &ctx, out);
         self.keys.handle(now, from, message, &ctx, out);
@@ -552,6 +562,7 @@ const fn is_stream(request: &Request) -> bool {
             | Request::Manual(_)
             | Request::Offboard(_)
             | Request::RcOverride(_)
+            | Request::Sensed(_)
     )
 }
 

@@ -55,6 +55,14 @@ vehicle::params! {
         battery_low_percent: float "BAT_LOW_THR" = 15.0, "%", 0.0..=60.0;
         /// A pilot's radio stays connected to the flight controller and takes over by its MSP OVERRIDE switch (override mask 15).
         radio: bool "KST_RADIO" = false;
+        /// Ask the flight controller for its range finder's height (MSP_SONAR_ALTITUDE), where it has one.
+        fc_range: bool "KST_FC_RANGE" = false;
+        /// Ask the flight controller for its optical flow (MSP2_INAV_OPTICAL_FLOW, INAV only).
+        fc_flow: bool "KST_FC_FLOW" = false;
+        /// Ask the flight controller for satellite fixes (MSP_RAW_GPS).
+        fc_gps: bool "KST_FC_GPS" = false;
+        /// Satellite fixes hold the estimate where nothing better does; off: they are only shown. Indoors leave it off.
+        gnss: bool "KST_GNSS_USE" = false;
         /// RC frames a second (Betaflight drops the craft after 0.3 s without one; its serial task serves 100 messages/s).
         rc_hz: int "KST_RC_HZ" = 40, "Hz", 20..=250;
     }

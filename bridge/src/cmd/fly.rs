@@ -6,7 +6,7 @@ use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, load_plan, settings};
 use anyhow::{Context as _, Result, anyhow};
-use bridge::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use bridge::autopilot::door::{Asked, Request, RequestId, Severity, Snapshot, Station};
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
 use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use bridge::gcs::Document;
@@ -26,7 +26,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
-use vehicle::{Airframe, Pace, RingConfig, Timestamp};
+use vehicle::{Airframe, Pace, Timestamp};
 
 /// How often the door is looked at when no link speaks.
 const LOOK: Duration = Duration::from_millis(2);
@@ -38,7 +38,7 @@ const LANDING: Duration = Duration::from_secs(30);
 /// Fly the real thing.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n\nRange finder drivers are not built yet: without a ring that speaks, take-off is refused."
+    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n  kestrel fly --fc serial:///dev/ttyAMA0 --map plan.yaml --mavlink udpclient://192.168.1.2:14550 --sensor 'ld06:///dev/ttyUSB0?yaw_deg=180' --sensor msp:///dev/ttyUSB1\n\nWithout range finders that speak, take-off is refused: see --sensor and docs/sensors.md. `kestrel rehearse` gives a\nsimulated vehicle to try the whole command line on."
 )]
 pub(crate) struct FlyArgs {
     /// Flight controller: serial:///dev/...?baudrate=N or tcpclient://host:port.
@@ -53,9 +53,10 @@ pub(crate) struct FlyArgs {
     /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`; default: the plan's home.
     #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
     start: Option<StartArg>,
-    /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
-    #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
-    rangers: String,
+    /// A sensor: ld06, rplidar, tof_ring, hc_sr04, msp, mavlink, gpsd, gps_log, gps_fake, each with its device and options, like
+    /// 'ld06:///dev/ttyUSB0?yaw_deg=90' (repeatable; also as [[sensor]] in the configuration file).
+    #[arg(long = "sensor", value_name = "URL")]
+    sensors: Vec<String>,
     /// Keep parameters and mission in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
@@ -94,15 +95,8 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     }
     let wanted = parse_endpoints(&args.mavlink)?;
     let plan = Arc::new(load_plan(&args.map)?);
-    let ring = match RingConfig::built_in(&args.rangers) {
-        Ok(ring) => ring,
-        Err(e) if !args.rangers.ends_with(".toml") => return Err(Usage(e.to_string()).into()),
-        Err(_) => {
-            let text = std::fs::read_to_string(&args.rangers)
-                .with_context(|| format!("cannot read {}", args.rangers))?;
-            RingConfig::from_toml(&text).with_context(|| format!("in {}", args.rangers))?
-        }
-    };
+    let specs = super::sensors::specs(args.config.as_deref(), &args.sensors)?;
+    let suite = super::sensors::suite(&specs, &args.fc)?;
     let state_dir = args
         .state_dir
         .clone()
@@ -155,7 +149,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     });
     let config = FlightConfig {
         plan,
-        ring,
+        ring: suite.ring.clone(),
         airframe: Airframe::default(),
         start,
         settings,
@@ -163,9 +157,14 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     };
     let flight = Flight::new(clock.now(), config);
     ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+    if let Some(feed) = suite.mavlink {
+        ground.listen_to_sensors(feed);
+    }
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle = flight_thread::start(flight, fc.clone(), clock).map_err(|e| anyhow!(e))?;
+    let sensors_told = bridge::io::sensors::start(suite.devices, &handle.inlet(), clock)
+        .context("cannot start the sensors")?;
     let told = match (door, handle.take_borrower()) {
         (Some(door), Some(borrower)) => Some(lend(door, borrower, fc.clone(), stop.clone())?),
         _ => None,
@@ -176,9 +175,16 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     for link in &links.described {
         terminal.line(&format!("  MAVLink {link}"));
     }
-    terminal.line(
-        "  Range finder drivers are not built yet: take-off will be refused until a ring speaks.",
-    );
+    if suite
+        .ring
+        .rangers
+        .iter()
+        .all(vehicle::RangerConfig::looks_down)
+    {
+        terminal.line(
+            "  No range finder looks around (--sensor, docs/sensors.md): take-off will be refused.",
+        );
+    }
     GroundLoop {
         ground,
         handle,
@@ -189,6 +195,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         stop,
         fc,
         told,
+        sensors_told,
         shows_status: !args.headless,
         waits: args.wait,
     }
@@ -249,6 +256,8 @@ struct GroundLoop {
     fc: Endpoint,
     /// What the thread of `--passthrough` tells.
     told: Option<Receiver<String>>,
+    /// What the threads of sensors tell.
+    sensors_told: Receiver<String>,
     shows_status: bool,
     /// A controller that has never answered is waited for.
     waits: bool,
@@ -312,6 +321,10 @@ impl GroundLoop {
             }
             while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
                 self.terminal.line(&format!("  {text}"));
+            }
+            while let Ok(text) = self.sensors_told.try_recv() {
+                self.terminal.line(&format!("  {text}"));
+                self.ground.say(now, Severity::Notice, text);
             }
             self.handle.read_snapshot(&mut snapshot);
             if snapshot.flight_loop.ticks != seen_tick {

@@ -9,6 +9,7 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`sensor_feed`] | sensors whose messages come over a link |
 //! | [`signing`] | which links demand signatures |
 //! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
@@ -36,6 +37,7 @@ pub mod out_queue;
 pub mod params;
 mod place;
 pub mod router;
+pub mod sensor_feed;
 pub mod setpoint;
 pub mod signing;
 pub mod telemetry;

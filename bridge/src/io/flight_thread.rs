@@ -17,6 +17,7 @@ use crate::autopilot::flight::Flight;
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
+use crate::sensor::Sample;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
@@ -28,6 +29,10 @@ use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
 const REQUESTS: usize = 256;
+/// Samples of sensors that wait for the flight thread at most.
+const SAMPLES: usize = 512;
+/// Samples taken in a round at most.
+const SAMPLES_A_ROUND: usize = 64;
 /// Answers and events that wait for the ground at most.
 const NEWS: usize = 1024;
 /// Pause before a lost line is opened again.
@@ -62,6 +67,31 @@ pub struct FlightHandle {
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
     borrower: Option<Borrower>,
+    inlet: Inlet,
+}
+
+/// Where sensors give their samples.
+#[derive(Clone, Debug)]
+pub struct Inlet {
+    samples: SyncSender<Sample>,
+    wake: Arc<OwnedFd>,
+    /// Its owner is the flight thread: when that is gone nobody wants samples.
+    alive: std::sync::Weak<()>,
+}
+
+impl Inlet {
+    /// Gives a sample; dropped if too many wait.
+    pub fn give(&self, sample: Sample) {
+        if self.samples.try_send(sample).is_ok() {
+            wake_up(&self.wake);
+        }
+    }
+
+    /// True when nobody takes samples any more.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.alive.strong_count() == 0
+    }
 }
 
 /// Who may have the line for a while: a configurator.
@@ -120,6 +150,12 @@ impl FlightHandle {
         self.borrower.take()
     }
 
+    /// Where sensors give their samples.
+    #[must_use]
+    pub fn inlet(&self) -> Inlet {
+        self.inlet.clone()
+    }
+
     /// Hands a request over; false if the ring is full.
     #[must_use]
     pub fn ask(&self, asked: Asked) -> bool {
@@ -152,6 +188,8 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
     }
     let failed = |e: rustix::io::Errno| LineError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
+    let (samples, sensed) = sync_channel(SAMPLES);
+    let alive = Arc::new(());
     let (tell, news) = sync_channel(NEWS);
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
@@ -169,6 +207,11 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         news,
         snapshot: Arc::clone(&snapshot),
         borrower: Some(borrower),
+        inlet: Inlet {
+            samples,
+            wake: Arc::clone(&wake),
+            alive: Arc::downgrade(&alive),
+        },
     };
     let shell = Shell {
         flight,
@@ -178,6 +221,8 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         lines,
         lender,
         asked,
+        sensed,
+        _alive: alive,
         tell,
         jobs,
         done,
@@ -340,6 +385,9 @@ struct Shell {
     lines: Receiver<Line>,
     lender: Lender,
     asked: Receiver<Asked>,
+    sensed: Receiver<Sample>,
+    /// Held by this thread as long as it runs.
+    _alive: Arc<()>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
     done: Receiver<estimator::SearchResult>,
@@ -362,6 +410,12 @@ impl Shell {
             self.lend_line();
             self.take_line();
             self.read_line();
+            for _ in 0..SAMPLES_A_ROUND {
+                match self.sensed.try_recv() {
+                    Ok(sample) => self.handle(sample.into()),
+                    Err(_) => break,
+                }
+            }
             while let Ok(result) = self.done.try_recv() {
                 self.handle(Input::JobDone(result));
             }

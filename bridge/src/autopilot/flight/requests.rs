@@ -172,6 +172,7 @@ impl Flight {
                     .map_err(|_| Refusal::BadNumber)
             }
             Request::SetHome(place) => self.set_home(&nav, *place),
+            Request::Sensed(sample) => return self.sensed(sample),
             Request::GroundHeartbeat => {
                 self.ground_heard = Some(now);
                 Ok(Outcome::Accepted)
