@@ -22,10 +22,6 @@ pub const STEP: Duration = Duration::from_millis(1);
 /// Something a vehicle delivers to its companion computer. `at` is when it was measured (complete, for bytes); it is handed over
 /// later by the latency of the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would allocate for every answer of the flight controller"
-)]
 pub enum SimOutput {
     /// From the down-looking ranger.
     DownRange(DownRange),

@@ -397,7 +397,7 @@ mod tests {
             panic!("{out:?}")
         };
         assert_eq!((r.ranger, r.columns_mm[..].to_vec()), (1, vec![Some(1230)]));
-        assert_eq!(ring.rangers[1].bearing_deg, 90.0);
+        assert!((ring.rangers[1].bearing_deg - 90.0).abs() < 1e-9);
         let out = take(
             &mut feed,
             60,

@@ -67,7 +67,6 @@ pub enum SuiteError {
 
 /// A driver of a serial line.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "one per sensor, made at start")]
 pub enum SerialDriver {
     /// LD06 class.
     Ld06(Ld06),
@@ -121,7 +120,6 @@ impl SerialDriver {
 
 /// A device to open.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "one per sensor, made at start")]
 pub enum Device {
     /// On a serial line.
     Serial {
@@ -555,7 +553,7 @@ impl Builder<'_> {
                     .to_owned(),
             });
         }
-        let is_line = |v: f64| (0.0..=511.0).contains(&v) && v == v.trunc();
+        let is_line = |v: f64| (0.0..=511.0).contains(&v) && (v - v.trunc()).abs() < 1e-9;
         let mut pins: Vec<[u32; 2]> = Vec::new();
         for (pair, ranger) in pairs.iter().zip(&rangers) {
             if !pair.iter().all(|v| is_line(*v)) {

@@ -154,7 +154,7 @@ mod tests {
             "{:?}",
             fix.position
         );
-        assert_eq!(fix.position.z(), -3.0);
+        assert!((fix.position.z() + 3.0).abs() < 1e-9);
         let v = fix.velocity.unwrap();
         assert!(v.x().abs() < 1e-9 && (v.y() - 2.0).abs() < 1e-9 && (v.z() + 0.5).abs() < 1e-9);
         assert!((fix.std_m[0] - 2.0).abs() < 1e-9);
