@@ -171,5 +171,10 @@ def test_sensors_that_cannot_be_together_are_refused_at_the_start_with_both_name
     assert "--fc" in both and "ld06" in both and "one reader" in both, both
     both = said("gpsd:", "gps_fake:?values=random")
     assert "gpsd" in both and "gps_fake" in both and "one source" in both, both
+    done = kestrel_harness.run(
+        "fly", "--fc", "serial:///dev/ttyNONE", "--map", plan, *link, "--sensor", "gpsd:", "--param", "KST_FC_GPS=1",
+        "--state-dir", str(out_folder() / "refused"),
+    )  # fmt: skip
+    assert done.returncode == 2 and "KST_FC_GPS and gpsd" in done.stderr, done.stderr
     assert "did you mean `yaw_deg`" in said("ld06:///dev/ttyUSB0?yaw_dge=3")
-    return "four refusals"
+    return "five refusals"

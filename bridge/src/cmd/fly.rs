@@ -130,6 +130,19 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
             documents.push(Document { name, bytes });
         }
     }
+    let receiver = specs.iter().find(|s| s.driver.starts_with("gps"));
+    if let (true, Some(receiver)) = (settings.ground.gps_emulation, receiver) {
+        return Err(Usage(format!(
+            "KST_GPS_EMU and {receiver}: stations are told of one receiver, a real or an invented one"
+        ))
+        .into());
+    }
+    if let (true, Some(receiver)) = (settings.autopilot.fc_gps, receiver) {
+        return Err(Usage(format!(
+            "KST_FC_GPS and {receiver}: one source of satellite fixes at a time"
+        ))
+        .into());
+    }
     let start = match args.start {
         Some(StartArg::At(pose)) => Start::Known(pose),
         Some(StartArg::Unknown) => Start::Unknown,

@@ -219,8 +219,9 @@ impl Shell {
                 .map(|sensors| sensors.iter().copied().collect())
                 .unwrap_or_default();
             if !firing.is_empty() {
-                lines.pulse(firing.iter().map(|i| pins[usize::from(*i)][0]))?;
+                // Stamped before the pulse: no line rises sooner than that, however long this thread is held up.
                 let at = self.clock.now();
+                lines.pulse(firing.iter().map(|i| pins[usize::from(*i)][0]))?;
                 for sensor in firing {
                     ring.fired(sensor, at);
                 }

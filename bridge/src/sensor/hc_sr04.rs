@@ -164,7 +164,7 @@ impl Ring {
         Some(&self.firing)
     }
 
-    /// The trigger pulse of a sensor ended at this time.
+    /// The trigger pulse of a sensor began at this time.
     pub fn fired(&mut self, sensor: u8, at: Timestamp) {
         if let Some(ping @ Ping::Fired(_)) = self.pings.get_mut(usize::from(sensor)) {
             *ping = Ping::Fired(at);
