@@ -29,6 +29,8 @@ enum Command {
     Demo(cmd::demo::DemoArgs),
     /// Fly the real thing.
     Fly(cmd::fly::FlyArgs),
+    /// A simulated vehicle without a brain: fly it with `kestrel fly` as the real thing.
+    Rehearse(cmd::rehearse::RehearseArgs),
     /// Look at a flight controller on the bench, make it fit to fly by MSP.
     Fc(cmd::fc::FcArgs),
     /// Turn the motors of a craft without flight controller by hand, on the bench.
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
         Command::Sim(args) => cmd::sim::run(args),
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
+        Command::Rehearse(args) => cmd::rehearse::run(&args),
         Command::Fc(args) => cmd::fc::run(args),
         Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),

@@ -280,6 +280,10 @@ impl Settings {
             .map_err(|e: toml::de::Error| SettingsError::Toml(e.to_string()))?;
         let mut next = self.clone();
         for (section, table) in &document {
+            // Sensors are things, not parameters: `kestrel fly` reads them (docs/sensors.md).
+            if section == "sensor" && table.is_array() {
+                continue;
+            }
             let toml::Value::Table(table) = table else {
                 return Err(SettingsError::Toml(format!(
                     "`{section}` must be a table like [planner]"

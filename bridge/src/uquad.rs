@@ -38,6 +38,8 @@ pub struct UquadConfig {
     pub first_speeds_radps: f64,
     /// Speeds that are commanded, rad/s.
     pub speed_range_radps: (f64, f64),
+    /// Steps of the filter for each action of the law; speeds stand in between.
+    pub steps_per_action: u32,
     /// When the loop begins.
     pub start: Start,
 }
@@ -70,6 +72,7 @@ impl UquadConfig {
             hover_radps: hover,
             first_speeds_radps: hover,
             speed_range_radps: speed_range(hover),
+            steps_per_action: 1,
             start: Start::Calibrated,
         }
     }
@@ -90,6 +93,7 @@ impl UquadConfig {
             hover_radps: 334.28,
             first_speeds_radps: 50.0,
             speed_range_radps: (0.0, 1000.0),
+            steps_per_action: 1,
             start: Start::AtFrame {
                 frame: 200,
                 reference_pa: 101_205.0,
@@ -124,6 +128,9 @@ pub enum UquadError {
     /// The reduced set with gains for what it does not estimate.
     #[error("states = 8 and gains for x, y, vqx or vqy: these gains need states = 12")]
     GainsNeedTwelveStates,
+    /// A law that never acts.
+    #[error("steps per action = 0: the law acts every step (1) or every so many")]
+    StepsPerAction,
     /// Speeds that no motor turns at.
     #[error("motor speeds {0}..{1} rad/s: the slower comes first, both within 0-1000")]
     SpeedRange(f64, f64),
@@ -182,6 +189,9 @@ pub struct Uquad {
     speeds_radps: [f64; 4],
     period: SamplingPeriod,
     left_out: LeftOut,
+    steps_per_action: u32,
+    /// Steps and time since the law acted, s.
+    since_action: (u32, f64),
     start: Start,
     fix: Option<Vector3<f64>>,
     start_m: Vector3<f64>,
@@ -205,6 +215,9 @@ impl Uquad {
         // False for NaN.
         if !(0.0 <= slowest && slowest <= fastest && fastest <= 1000.0) {
             return Err(UquadError::SpeedRange(slowest, fastest));
+        }
+        if config.steps_per_action == 0 {
+            return Err(UquadError::StepsPerAction);
         }
         let mut imu = ImuChain::new(calibration, config.imu)?;
         if let Start::AtFrame { reference_pa, .. } = config.start {
@@ -231,6 +244,8 @@ impl Uquad {
             speeds_radps: [config.first_speeds_radps; 4],
             period: SamplingPeriod::default(),
             left_out: LeftOut::new(),
+            steps_per_action: config.steps_per_action,
+            since_action: (0, 0.0),
             start: config.start,
             fix: None,
             start_m: Vector3::zeros(),
@@ -299,11 +314,16 @@ impl Uquad {
                 return None;
             }
         }
-        let (slowest, fastest) = self.speed_range_radps;
-        self.speeds_radps = self
-            .law
-            .act(&self.setpoint, &self.filter.twelve(), judged.used_s)
-            .map(|w| w.clamp(slowest, fastest));
+        let (steps, time_s) = self.since_action;
+        self.since_action = (steps + 1, time_s + judged.used_s);
+        if steps + 1 >= self.steps_per_action {
+            let (slowest, fastest) = self.speed_range_radps;
+            self.speeds_radps = self
+                .law
+                .act(&self.setpoint, &self.filter.twelve(), self.since_action.1)
+                .map(|w| w.clamp(slowest, fastest));
+            self.since_action = (0, 0.0);
+        }
         Some(Step {
             frame: number,
             elapsed_us: reading.elapsed_us,

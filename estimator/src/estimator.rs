@@ -1,6 +1,7 @@
 //! The estimator: sensor samples in, [`NavState`] out.
 
 mod aiding;
+mod external;
 mod lifecycle;
 
 use crate::diagnostics::Diagnostics;
@@ -79,6 +80,7 @@ pub struct Estimator {
     gyro: [Option<(Timestamp, Vector3<f64>)>; 2],
     first_imu: Option<Timestamp>,
     pseudo_at: Timestamp,
+    external: external::Last,
     fresh: Freshness,
     start: StartPlace,
     is_landed: bool,
@@ -115,6 +117,7 @@ impl Estimator {
             gyro: [None; 2],
             first_imu: None,
             pseudo_at: Timestamp::ZERO,
+            external: external::Last::default(),
             fresh: Freshness::default(),
             start: StartPlace::Unknown,
             is_landed: false,

@@ -136,7 +136,14 @@ fn observation(aid: Aid, x: &Nominal, gyro: &Vector3<f64>) -> Option<Observation
         Aid::VelocityNorth => aid::velocity::observe(x)[0],
         Aid::VelocityEast => aid::velocity::observe(x)[1],
         Aid::VelocityDown => aid::velocity::observe(x)[2],
-        Aid::Heading | Aid::HeadingIncrement | Aid::Rate => return None,
+        Aid::ExternalNorth | Aid::GnssNorth => aid::position::observe_along(x, [1.0, 0.0]),
+        Aid::ExternalEast | Aid::GnssEast => aid::position::observe_along(x, [0.0, 1.0]),
+        Aid::ExternalYaw => aid::yaw::observe(x),
+        Aid::Heading
+        | Aid::HeadingIncrement
+        | Aid::Rate
+        | Aid::ExternalForward
+        | Aid::ExternalRight => return None,
     })
 }
 

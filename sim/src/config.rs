@@ -1,5 +1,6 @@
 //! What to simulate, and why it may not be possible.
 
+use crate::device::LaserConfig;
 use crate::fc::FcConfig;
 use crate::room::Room;
 use crate::walker::Walker;
@@ -51,6 +52,12 @@ pub struct VehicleConfig {
     /// It has no flight controller at all: a body commanded in motor speeds ([`turn_motors`](crate::Simulator::turn_motors)).
     #[serde(skip)]
     pub motor_craft: Option<UquadAirframe>,
+    /// Lidars with a line of their own, besides the ring: their bytes come out ([`SimOutput::Laser`](crate::SimOutput::Laser)).
+    #[serde(default)]
+    pub lasers: Vec<LaserConfig>,
+    /// The rangers of the ring fire only when they are triggered ([`trigger`](crate::Simulator::trigger)), as sonars on GPIO lines do.
+    #[serde(default)]
+    pub ring_waits: bool,
 }
 
 impl VehicleConfig {
@@ -66,6 +73,8 @@ impl VehicleConfig {
             fc: FcConfig::default(),
             outside_fc: false,
             motor_craft: None,
+            lasers: Vec::new(),
+            ring_waits: false,
         }
     }
 }

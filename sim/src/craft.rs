@@ -2,6 +2,8 @@
 
 use crate::config::VehicleConfig;
 use crate::controller::Controller;
+use crate::device::Laser;
+use crate::fc::uart::BURST;
 use crate::motor_craft::MotorCraft;
 use crate::quad::Quad;
 use crate::quad::contact::Contact;
@@ -13,7 +15,7 @@ use crate::world::World;
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use vehicle::{Airframe, In, MapAnchor, MapPose, Timestamp};
+use vehicle::{Airframe, In, MapAnchor, MapPose, RangerReading, Timestamp};
 
 /// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
 const IN_TRANSIT: usize = 512;
@@ -27,6 +29,10 @@ pub(crate) struct Craft {
     /// The body in place of the quad's own, with the speeds it is commanded, rad/s.
     pub(crate) motors: Option<(MotorCraft, [f64; 4])>,
     rangers: Vec<Ranger>,
+    ring_waits: bool,
+    lasers: Vec<Laser>,
+    /// Where lidars put their bytes.
+    line: Vec<u8>,
     down: Option<DownRanger>,
     flow: Option<FlowCamera>,
     faults: Vec<Fault>,
@@ -67,6 +73,12 @@ impl Craft {
             rangers: rangers
                 .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))
                 .collect(),
+            ring_waits: config.ring_waits,
+            lasers: (0..)
+                .zip(&config.lasers)
+                .map(|(i, laser)| Laser::new(*laser, seed, index, i))
+                .collect(),
+            line: Vec::new(),
             down: config.down_range.then(|| DownRanger::new(seed, index)),
             flow: config.flow.then(|| FlowCamera::new(seed, index)),
             faults: Vec::new(),
@@ -105,7 +117,10 @@ impl Craft {
         shared: &Shared<'_>,
         out: &mut impl FnMut(usize, SimOutput),
     ) {
-        self.fire_rangers(now, shared);
+        if !self.ring_waits {
+            self.fire_rangers(now, shared);
+        }
+        self.turn_lasers(now, shared, out);
         if let Some(down) = &mut self.down
             && down.is_due(now)
         {
@@ -145,6 +160,51 @@ impl Craft {
             let (reading, latency) = self.rangers[i].fire(now, view);
             let output = SimOutput::Ranger(reading);
             post(&mut self.in_transit, now + latency, output);
+        }
+    }
+
+    /// Bytes of lidars leave as they are measured.
+    fn turn_lasers(
+        &mut self,
+        now: Timestamp,
+        shared: &Shared<'_>,
+        out: &mut impl FnMut(usize, SimOutput),
+    ) {
+        if self.lasers.is_empty() {
+            return;
+        }
+        let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
+        for (laser, device) in (0u8..).zip(&mut self.lasers) {
+            self.line.clear();
+            device.step(now, &view, &mut self.line);
+            if self.faults.contains(&Fault::LaserSilent(laser)) {
+                continue;
+            }
+            for bytes in self.line.chunks(BURST) {
+                let bytes = bytes.iter().copied().collect();
+                out(shared.index, SimOutput::Laser { laser, bytes });
+            }
+        }
+    }
+
+    /// Fires a ranger of the ring now.
+    pub(crate) fn trigger(
+        &mut self,
+        now: Timestamp,
+        ranger: u8,
+        shared: &Shared<'_>,
+    ) -> Option<RangerReading> {
+        if self.faults.contains(&Fault::RangerSilent(ranger)) {
+            return None;
+        }
+        let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
+        let ranger = self.rangers.get_mut(usize::from(ranger))?;
+        Some(ranger.fire(now, &view).0)
+    }
+
+    pub(crate) fn write_laser(&mut self, now: Timestamp, laser: usize, bytes: &[u8]) {
+        if let Some(laser) = self.lasers.get_mut(laser) {
+            laser.write(now, bytes);
         }
     }
 

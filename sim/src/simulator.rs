@@ -23,10 +23,6 @@ pub const STEP: Duration = Duration::from_millis(1);
 /// Something a vehicle delivers to its companion computer. `at` is when it was measured (complete, for bytes); it is handed over
 /// later by the latency of the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would allocate for every answer of the flight controller"
-)]
 pub enum SimOutput {
     /// From the down-looking ranger.
     DownRange(DownRange),
@@ -41,6 +37,13 @@ pub enum SimOutput {
     Flow(FlowSample),
     /// From one ranger of the ring.
     Ranger(RangerReading),
+    /// From the line of a lidar of its own.
+    Laser {
+        /// Which.
+        laser: u8,
+        /// The bytes.
+        bytes: ArrayVec<u8, BURST>,
+    },
 }
 
 /// Something that can be broken and mended in flight.
@@ -54,6 +57,8 @@ pub enum Fault {
     DownSilent,
     /// One ranger of the ring is silent.
     RangerSilent(u8),
+    /// The line of a lidar of its own is silent.
+    LaserSilent(u8),
 }
 
 impl Fault {
@@ -201,6 +206,27 @@ impl Simulator {
     /// If there is no such vehicle; so do all methods that take one.
     pub fn write_fc(&mut self, vehicle: usize, bytes: &[u8]) {
         self.crafts[vehicle].write_fc(self.now, bytes);
+    }
+
+    /// Triggers a ranger of the ring, now: what it measures; none if it is silent or there is no such.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn trigger(&mut self, vehicle: usize, ranger: u8) -> Option<RangerReading> {
+        let shared = Shared {
+            world: &self.world,
+            anchor: &self.anchor,
+            index: vehicle,
+        };
+        self.crafts[vehicle].trigger(self.now, ranger, &shared)
+    }
+
+    /// The companion computer writes to the line of a lidar, now.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn write_laser(&mut self, vehicle: usize, laser: usize, bytes: &[u8]) {
+        self.crafts[vehicle].write_laser(self.now, laser, bytes);
     }
 
     /// What the sensors of a flight controller outside feel now; none for the fake one, which has its own.

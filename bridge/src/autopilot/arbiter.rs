@@ -391,6 +391,7 @@ impl Arbiter {
             | Request::EndBenchWork
             | Request::TurnMotor(_)
             | Request::RestartFc
+            | Request::Sensed(_)
             | Request::ShutDown => Err(Refusal::Unsupported),
         }
     }

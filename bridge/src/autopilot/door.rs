@@ -8,6 +8,7 @@ pub use super::bench_work::{MotorTurn, Progress, Sensor};
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
+use crate::sensor::Sample;
 use crate::uquad::aircraft::Off;
 use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
@@ -20,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 use vehicle::{
-    BaroSample, BatterySample, DownRange, FlowSample, Frd, ImuSample, In, NavState, Ned,
+    BaroSample, BatterySample, DownRange, FlowSample, Frd, GnssFix, ImuSample, In, NavState, Ned,
     ParamValue, RangeScan, Rot, Setpoint, Sticks, Timestamp,
 };
 
@@ -116,6 +117,8 @@ pub enum Request {
     TurnMotor(MotorTurn),
     /// Restart the flight controller, on the ground.
     RestartFc,
+    /// A sensor whose messages come over a link. It is not answered.
+    Sensed(Sample),
 }
 
 /// Target of [`Request::GoTo`]; none keeps what is.
@@ -1006,6 +1009,8 @@ pub struct Snapshot {
     pub down_range: Option<DownRange>,
     /// Newest optical flow.
     pub flow: Option<FlowSample>,
+    /// Newest satellite fix.
+    pub gnss: Option<GnssFix>,
     /// Newest reading of each horizontal ranger, as one scan.
     pub scan: Option<RangeScan>,
     /// A horizontal ranger spoke within the last second.

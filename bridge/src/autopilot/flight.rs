@@ -26,6 +26,7 @@ use super::modes::{Air, Cockpit};
 use super::supervisor::{FC_SILENT_S, Facts, Supervisor, Verdict};
 use crate::fc::convert::Convert;
 use crate::fc::{poll, stock_curves};
+use crate::sensor::Sample;
 use crate::sensor::ring::{Measured, Ring};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
@@ -40,8 +41,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
-    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, RingConfig,
-    Setpoint, Sticks, Timestamp,
+    Airframe, DownRange, FloorPlan, FlowSample, GnssFix, In, MapAnchor, MapPose, NavState, Ned,
+    RingConfig, Setpoint, Sticks, Timestamp,
 };
 
 /// Longer between two inputs and we were held up ourselves.
@@ -112,6 +113,8 @@ pub struct Flight {
     /// How long the pilot has had the vehicle on the floor, s.
     pilot_down_s: f64,
     localized_at: Option<Timestamp>,
+    /// Zero of the flight controller's satellite fixes.
+    gnss_start: crate::sensor::gps::Start,
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
     shutting_down: bool,
@@ -192,6 +195,7 @@ impl Flight {
             missed_before: 0,
             pilot_down_s: 0.0,
             localized_at: None,
+            gnss_start: crate::sensor::gps::Start::default(),
             reset_counter: 0,
             ground_heard: None,
             shutting_down: false,
@@ -222,6 +226,8 @@ impl Flight {
             Input::Asked(asked) => self.asked(now, &asked),
             Input::JobDone(result) => self.estimator.search_done(&result),
             Input::FcClosed => self.lose_controller(false),
+            Input::Gnss(fix) => self.gnss(&fix),
+            Input::Pose(pose) => self.estimator.external_pose(&pose),
             Input::Wake => {}
         }
         self.listen(now);
@@ -546,6 +552,24 @@ impl Flight {
     fn down_range(&mut self, sample: &DownRange) {
         self.estimator.down_range(sample);
         self.snapshot.down_range = Some(*sample);
+    }
+
+    fn gnss(&mut self, fix: &GnssFix) {
+        if self.settings.autopilot.gnss {
+            self.estimator.gnss(fix);
+        }
+        self.snapshot.gnss = Some(*fix);
+    }
+
+    /// A sample that came over a link.
+    fn sensed(&mut self, sample: &Sample) {
+        match sample {
+            Sample::Ranger(reading) => self.range(reading),
+            Sample::DownRange(range) => self.down_range(range),
+            Sample::Flow(flow) => self.flow(flow),
+            Sample::Gnss(fix) => self.gnss(fix),
+            Sample::Pose(pose) => self.estimator.external_pose(pose),
+        }
     }
 
     fn flow(&mut self, sample: &FlowSample) {

@@ -16,6 +16,7 @@ use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
 use crate::gcs::patrol::PatrolReport;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
+use crate::gcs::sensor_feed::SensorFeed;
 use crate::gcs::setpoint::SetpointService;
 use crate::gcs::signing::{self, LinkSigning};
 use crate::gcs::telemetry::Telemetry;
@@ -25,6 +26,7 @@ use crate::gcs::{
 };
 use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
 use crate::log::summary::FlightBook;
+use crate::sensor::suite::MavlinkFeed;
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -151,6 +153,7 @@ pub struct Ground {
     command: CommandService,
     manual: ManualService,
     setpoint: SetpointService,
+    sensors: SensorFeed,
     keys: KeyConsole,
     access: Access,
     control: OperatorControl,
@@ -229,6 +232,7 @@ impl Ground {
             command: CommandService::new(),
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
+            sensors: SensorFeed::new(),
             keys: KeyConsole::new(),
             access: Access::default(),
             control: OperatorControl::new(),
@@ -284,6 +288,11 @@ impl Ground {
         self.router
             .set_camera(stream.as_ref().map(|_| camera::COMPONENT));
         self.camera = Camera::new(stream);
+    }
+
+    /// Takes messages of sensors from now on.
+    pub fn listen_to_sensors(&mut self, feed: MavlinkFeed) {
+        self.sensors.listen_to(feed);
     }
 
     /// A link came up: it is greeted with a heartbeat and gets telemetry. False if there are too many.
@@ -616,6 +625,7 @@ impl Ground {
             .handle(now, from, message, &ctx, &mut self.telemetry, out);
         self.manual.handle(now, from, message, &ctx, out);
         self.setpoint.handle(now, from, message, &ctx, out);
+        self.sensors.handle(now, from, message, out);
         self.mission.handle(now, from, message, &ctx, out);
         self.params.handle(now, from, message, &ctx, out);
         self.keys.handle(now, from, message, &ctx, out);
@@ -741,6 +751,7 @@ const fn is_stream(request: &Request) -> bool {
             | Request::Manual(_)
             | Request::Offboard(_)
             | Request::RcOverride(_)
+            | Request::Sensed(_)
     )
 }
 

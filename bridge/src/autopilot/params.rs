@@ -61,6 +61,14 @@ vehicle::params! {
         radio: bool "KST_RADIO" = false;
         /// Motors may be turned by DO_MOTOR_TEST and ACTUATOR_TEST while disarmed: propellers off first.
         motor_test: bool "KST_MOTOR_TEST" = false;
+        /// Ask the flight controller for its range finder's height (MSP_SONAR_ALTITUDE), where it has one.
+        fc_range: bool "KST_FC_RANGE" = false;
+        /// Ask the flight controller for its optical flow (MSP2_INAV_OPTICAL_FLOW, INAV only).
+        fc_flow: bool "KST_FC_FLOW" = false;
+        /// Ask the flight controller for satellite fixes (MSP_RAW_GPS).
+        fc_gps: bool "KST_FC_GPS" = false;
+        /// Satellite fixes hold the estimate where nothing better does; off: they are only shown. Indoors leave it off.
+        gnss: bool "KST_GNSS_USE" = false;
         /// RC frames a second (Betaflight drops the craft after 0.3 s without one; its serial task serves 100 messages/s).
         rc_hz: int "KST_RC_HZ" = 40, "Hz", 20..=250;
     }

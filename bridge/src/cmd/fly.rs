@@ -36,7 +36,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use vehicle::floor_plan::Cell;
-use vehicle::{Airframe, FloorPlan, MapPose, Pace, RingConfig, Timestamp};
+use vehicle::{Airframe, FloorPlan, MapPose, Pace, Timestamp};
 
 /// Where stations of the local network listen, when no link is named: they find the vehicle and may watch.
 const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
@@ -50,7 +50,7 @@ const LANDING: Duration = Duration::from_secs(30);
 /// Fly the real thing.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n\n  kestrel fly --airframe uquad --imu serial:///dev/ttyUSB0?baudrate=115200 --calib imu_calib.txt --motors i2c:///dev/i2c-2 --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --airframe uquad --imu imu_raw.log --calib imu_calib.txt --motors sim --mavlink udpserver://127.0.0.1:14555\n\nRange finder drivers are not built yet: without a ring that speaks, take-off is refused. uQuad flies without: height, heading and\ntilt are held, the place is not."
+    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n  kestrel fly --fc serial:///dev/ttyAMA0 --map plan.yaml --mavlink udpclient://192.168.1.2:14550 --sensor 'ld06:///dev/ttyUSB0?yaw_deg=180' --sensor msp:///dev/ttyUSB1\n\n  kestrel fly --airframe uquad --imu serial:///dev/ttyUSB0?baudrate=115200 --calib imu_calib.txt --motors i2c:///dev/i2c-2 --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --airframe uquad --imu imu_raw.log --calib imu_calib.txt --motors sim --mavlink udpserver://127.0.0.1:14555\n\nWithout range finders that speak, take-off is refused: see --sensor and docs/sensors.md. `kestrel rehearse` gives a\nsimulated vehicle to try the whole command line on. uQuad flies without: height, heading and tilt are held, the place is not."
 )]
 pub(crate) struct FlyArgs {
     /// Flight controller: serial:///dev/...?baudrate=N or tcpclient://host:port.
@@ -86,9 +86,10 @@ pub(crate) struct FlyArgs {
     /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`; default: the plan's home.
     #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
     start: Option<StartArg>,
-    /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
-    #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
-    rangers: String,
+    /// A sensor: ld06, rplidar, tof_ring, hc_sr04, msp, mavlink, gpsd, gps_log, gps_fake, each with its device and options, like
+    /// 'ld06:///dev/ttyUSB0?yaw_deg=90' (repeatable; also as [[sensor]] in the configuration file).
+    #[arg(long = "sensor", value_name = "URL")]
+    sensors: Vec<String>,
     /// Keep parameters, mission, flight logs and uploaded files in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
@@ -125,29 +126,35 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     if args.airframe == AirframeArg::Uquad {
         return fly_uquad(args, stop);
     }
-    let (Some(fc), Some(map)) = (&args.fc, &args.map) else {
+    let (Some(fc_name), Some(map)) = (&args.fc, &args.map) else {
         return Err(Usage("--imu is uQuad's: say --airframe uquad".to_owned()).into());
     };
-    let fc: Endpoint = fc
+    let fc: Endpoint = fc_name
         .parse()
         .map_err(|e: EndpointError| Usage(e.to_string()))?;
     let wanted = wanted(&args)?;
     let plan = Arc::new(load_plan(map)?);
-    let ring = match RingConfig::built_in(&args.rangers) {
-        Ok(ring) => ring,
-        Err(e) if !args.rangers.ends_with(".toml") => return Err(Usage(e.to_string()).into()),
-        Err(_) => {
-            let text = std::fs::read_to_string(&args.rangers)
-                .with_context(|| format!("cannot read {}", args.rangers))?;
-            RingConfig::from_toml(&text).with_context(|| format!("in {}", args.rangers))?
-        }
-    };
+    let specs = super::sensors::specs(args.config.as_deref(), &args.sensors)?;
+    let suite = super::sensors::suite(&specs, fc_name)?;
     let Kept {
         state_dir,
         mut keep,
         settings,
         documents,
     } = Kept::open(&args)?;
+    let receiver = specs.iter().find(|s| s.driver.starts_with("gps"));
+    if let (true, Some(receiver)) = (settings.ground.gps_emulation, receiver) {
+        return Err(Usage(format!(
+            "KST_GPS_EMU and {receiver}: stations are told of one receiver, a real or an invented one"
+        ))
+        .into());
+    }
+    if let (true, Some(receiver)) = (settings.autopilot.fc_gps, receiver) {
+        return Err(Usage(format!(
+            "KST_FC_GPS and {receiver}: one source of satellite fixes at a time"
+        ))
+        .into());
+    }
     let start = match args.start {
         Some(StartArg::At(pose)) => Start::Known(pose),
         Some(StartArg::Unknown) => Start::Unknown,
@@ -178,7 +185,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     });
     let config = FlightConfig {
         plan,
-        ring,
+        ring: suite.ring.clone(),
         airframe: Airframe::default(),
         start,
         settings,
@@ -208,6 +215,9 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     }
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     ground.set_video(super::video(args.video.as_deref())?);
+    if let Some(feed) = suite.mavlink {
+        ground.listen_to_sensors(feed);
+    }
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
@@ -216,6 +226,8 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     let console = console_config
         .map(|config| Console::start(config, links.joint()))
         .transpose()?;
+    let sensors_told = bridge::io::sensors::start(suite.devices, &handle.inlet(), clock)
+        .context("cannot start the sensors")?;
     let told = match (door, handle.take_borrower()) {
         (Some(door), Some(borrower)) => Some(lend(door, borrower, fc.clone(), stop.clone())?),
         _ => None,
@@ -226,9 +238,16 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     for link in &links.described {
         terminal.line(&format!("  MAVLink {link}"));
     }
-    terminal.line(
-        "  Range finder drivers are not built yet: take-off will be refused until a ring speaks.",
-    );
+    if suite
+        .ring
+        .rangers
+        .iter()
+        .all(vehicle::RangerConfig::looks_down)
+    {
+        terminal.line(
+            "  No range finder looks around (--sensor, docs/sensors.md): take-off will be refused.",
+        );
+    }
     GroundLoop {
         ground,
         handle,
@@ -245,6 +264,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
             "flight controller {fc} does not answer MSP: check the baud rate and that MSP is enabled on that port"
         ),
         told,
+        sensors_told: Some(sensors_told),
         shows_status: !args.headless,
         waits: args.wait,
     }
@@ -463,6 +483,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         stop,
         unanswered: format!("no frame comes from the inertial unit {imu}: check the baud rate"),
         told: None,
+        sensors_told: None,
         shows_status: !args.headless,
         waits: args.wait,
     }
@@ -550,6 +571,8 @@ struct GroundLoop {
     unanswered: String,
     /// What the thread of `--passthrough` tells.
     told: Option<Receiver<String>>,
+    /// What the threads of sensors tell.
+    sensors_told: Option<Receiver<String>>,
     shows_status: bool,
     /// A controller that has never answered is waited for.
     waits: bool,
@@ -629,6 +652,14 @@ impl GroundLoop {
             }
             while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
                 self.terminal.line(&format!("  {text}"));
+            }
+            while let Some(text) = self
+                .sensors_told
+                .as_ref()
+                .and_then(|told| told.try_recv().ok())
+            {
+                self.terminal.line(&format!("  {text}"));
+                self.ground.say(now, Severity::Notice, text);
             }
             self.handle.read_snapshot(&mut snapshot);
             if snapshot.flight_loop.ticks != seen_tick {

@@ -10,6 +10,7 @@
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
 //! | [`intent`] | what a message wants of the vehicle |
+//! | [`sensor_feed`] | sensors whose messages come over a link |
 //! | [`signing`] | which links demand signatures |
 //! | [`access`], [`operator`] | what a link may do; which station is in control |
 //! | [`fence`] | where the vehicle may be, and what is done before it leaves |
@@ -47,6 +48,7 @@ pub mod patrol;
 mod place;
 pub mod plan_file;
 pub mod router;
+pub mod sensor_feed;
 pub mod setpoint;
 pub mod signing;
 pub mod telemetry;

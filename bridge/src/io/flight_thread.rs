@@ -20,6 +20,7 @@ use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
 use crate::log::{Emitted, FlightRecord, Part};
+use crate::sensor::Sample;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
@@ -32,6 +33,10 @@ use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
 pub(super) const REQUESTS: usize = 256;
+/// Samples of sensors that wait for the flight thread at most.
+const SAMPLES: usize = 512;
+/// Samples taken in a round at most.
+const SAMPLES_A_ROUND: usize = 64;
 /// Answers and events that wait for the ground at most.
 pub(super) const NEWS: usize = 1024;
 /// Pause before a lost line is opened again.
@@ -69,6 +74,31 @@ pub struct FlightHandle {
     snapshot: Arc<Mutex<Snapshot>>,
     insight: Arc<InsightCell>,
     borrower: Option<Borrower>,
+    inlet: Inlet,
+}
+
+/// Where sensors give their samples.
+#[derive(Clone, Debug)]
+pub struct Inlet {
+    samples: SyncSender<Sample>,
+    wake: Arc<OwnedFd>,
+    /// Its owner is the flight thread: when that is gone nobody wants samples.
+    alive: std::sync::Weak<()>,
+}
+
+impl Inlet {
+    /// Gives a sample; dropped if too many wait.
+    pub fn give(&self, sample: Sample) {
+        if self.samples.try_send(sample).is_ok() {
+            wake_up(&self.wake);
+        }
+    }
+
+    /// True when nobody takes samples any more.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.alive.strong_count() == 0
+    }
 }
 
 /// Who may have the line for a while: a configurator.
@@ -129,6 +159,7 @@ impl FlightHandle {
         news: Receiver<News>,
         snapshot: Arc<Mutex<Snapshot>>,
     ) -> Self {
+        let inlet_wake = Arc::clone(&wake);
         Self {
             requests,
             wake,
@@ -136,12 +167,24 @@ impl FlightHandle {
             snapshot,
             insight: Arc::default(),
             borrower: None,
+            // Of a craft that takes no samples from elsewhere.
+            inlet: Inlet {
+                samples: sync_channel(1).0,
+                wake: inlet_wake,
+                alive: std::sync::Weak::new(),
+            },
         }
     }
 
     /// Who may have the line for a while; once.
     pub const fn take_borrower(&mut self) -> Option<Borrower> {
         self.borrower.take()
+    }
+
+    /// Where sensors give their samples.
+    #[must_use]
+    pub fn inlet(&self) -> Inlet {
+        self.inlet.clone()
     }
 
     /// Hands a request over; false if the ring is full.
@@ -189,6 +232,8 @@ pub fn start(
     }
     let failed = |e: rustix::io::Errno| LineError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
+    let (samples, sensed) = sync_channel(SAMPLES);
+    let alive = Arc::new(());
     let (tell, news) = sync_channel(NEWS);
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
@@ -208,6 +253,11 @@ pub fn start(
         snapshot: Arc::clone(&snapshot),
         insight: Arc::clone(&insight),
         borrower: Some(borrower),
+        inlet: Inlet {
+            samples,
+            wake: Arc::clone(&wake),
+            alive: Arc::downgrade(&alive),
+        },
     };
     let shell = Shell {
         flight,
@@ -217,6 +267,8 @@ pub fn start(
         lines,
         lender,
         asked,
+        sensed,
+        _alive: alive,
         tell,
         jobs,
         done,
@@ -389,6 +441,9 @@ struct Shell {
     lines: Receiver<Line>,
     lender: Lender,
     asked: Receiver<Asked>,
+    sensed: Receiver<Sample>,
+    /// Held by this thread as long as it runs.
+    _alive: Arc<()>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
     done: Receiver<estimator::SearchResult>,
@@ -416,6 +471,12 @@ impl Shell {
             self.lend_line();
             self.take_line();
             self.read_line();
+            for _ in 0..SAMPLES_A_ROUND {
+                match self.sensed.try_recv() {
+                    Ok(sample) => self.handle(sample.into()),
+                    Err(_) => break,
+                }
+            }
             while let Ok(result) = self.done.try_recv() {
                 self.handle(Input::JobDone(result));
             }

@@ -9,6 +9,9 @@
 //! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
 //! | [`passthrough`] | a configurator on the controller's line, by TCP: `kestrel fc passthrough` |
 //! | [`flight_thread`] | the thread that owns the real flight controller's line |
+//! | [`sensors`] | a thread for each device of `--sensor` |
+//! | [`gpio`] | trigger and echo lines, edges stamped by the kernel |
+//! | [`terminal`] | pseudo terminals that simulated devices speak on |
 //! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
 //! | [`clock`] | the only reader of the clock |
@@ -26,6 +29,7 @@ pub mod endpoint;
 pub mod firmware;
 pub mod flight_thread;
 pub mod folder;
+pub mod gpio;
 pub mod keep;
 pub mod line;
 pub mod lockstep;
@@ -34,6 +38,8 @@ pub mod net;
 pub mod passthrough;
 pub mod realtime;
 pub mod route;
+pub mod sensors;
+pub mod terminal;
 pub mod timer;
 pub mod truth;
 pub mod uquad_lockstep;

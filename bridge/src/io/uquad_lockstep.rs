@@ -373,7 +373,7 @@ impl UquadLockstep {
 
 fn input_of(output: SimOutput) -> Option<UquadInput> {
     match output {
-        SimOutput::FcBytes { .. } => None,
+        SimOutput::FcBytes { .. } | SimOutput::Laser { .. } => None,
         SimOutput::Ranger(reading) => Some(UquadInput::Ranger(reading)),
         SimOutput::DownRange(sample) => Some(UquadInput::DownRange(sample)),
         SimOutput::Flow(sample) => Some(UquadInput::Flow(sample)),

@@ -41,11 +41,25 @@ pub enum Aid {
     VelocityDown,
     /// Angular rate on the ground: nothing turns.
     Rate,
+    /// Pose from outside, north.
+    ExternalNorth,
+    /// Pose from outside, east.
+    ExternalEast,
+    /// Pose from outside, yaw.
+    ExternalYaw,
+    /// Velocity from outside, forward.
+    ExternalForward,
+    /// Velocity from outside, right.
+    ExternalRight,
+    /// Satellite fix, north.
+    GnssNorth,
+    /// Satellite fix, east.
+    GnssEast,
 }
 
 impl Aid {
     /// Number of aids.
-    pub const COUNT: usize = 15;
+    pub const COUNT: usize = 22;
     /// All, in order.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Roll,
@@ -63,6 +77,13 @@ impl Aid {
         Self::VelocityEast,
         Self::VelocityDown,
         Self::Rate,
+        Self::ExternalNorth,
+        Self::ExternalEast,
+        Self::ExternalYaw,
+        Self::ExternalForward,
+        Self::ExternalRight,
+        Self::GnssNorth,
+        Self::GnssEast,
     ];
 }
 

@@ -107,7 +107,7 @@ impl Flight {
             unknown_firmware: matches!(identity.firmware, Firmware::Other(_)).then_some(variant),
             ..Link::default()
         };
-        let schedule = poll::schedule(identity, self.handover.has_radio());
+        let schedule = poll::schedule(identity, &self.settings.autopilot);
         self.client.set_schedule(now.us(), &schedule);
         // What it said before it was away is worth nothing.
         self.fc_arm = FcArmState::default();
@@ -170,6 +170,24 @@ impl Flight {
             Reply::InavAnalog(a) => {
                 self.fc.rssi = Some(convert.rssi(a.rssi));
                 self.snapshot.battery = Some(convert.battery_of_inav(sampled, a));
+            }
+            Reply::SonarAltitude(s) => {
+                let cos_tilt = self.estimator.navigation().state().cos_tilt();
+                let sample = convert.down_range(sampled, s, cos_tilt);
+                self.down_range(&sample);
+            }
+            Reply::InavOpticalFlow(f) => {
+                let sample = convert.flow(sampled, f);
+                self.flow(&sample);
+            }
+            Reply::RawGps(g) => {
+                let Some(identity) = self.client.identity() else {
+                    return;
+                };
+                let raw = convert.gps(identity.firmware, g);
+                if let Ok(fix) = self.gnss_start.relative(sampled, &raw) {
+                    self.gnss(&fix);
+                }
             }
             Reply::Rc(rc) => {
                 if let Some(sticks) = rc_out::sticks_of_rc(&rc.channels_us) {

@@ -184,6 +184,7 @@ impl Flight {
                 Err(why) => Err(why),
             },
             Request::SetHome(place) => self.set_home(&nav, *place),
+            Request::Sensed(sample) => return self.sensed(sample),
             Request::GroundHeartbeat => {
                 self.ground_heard = Some(now);
                 Ok(Outcome::Accepted)
