@@ -352,10 +352,12 @@ impl Page {
 
     /// Result of the newest acknowledgement of a command.
     pub fn result(&mut self, command: u16) -> Option<u8> {
+        // Acknowledgements go to all links.
+        let ours = self.system();
         let find = |p: &Self| {
             p.frames.iter().rev().find_map(|f| match &f.message {
                 Message::Raw(raw::MavMessage::COMMAND_ACK(a))
-                    if a.command == command && a.result != 5 =>
+                    if a.command == command && a.target_system == ours && a.result != 5 =>
                 {
                     Some(a.result)
                 }
