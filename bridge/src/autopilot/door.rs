@@ -4,7 +4,7 @@
 //! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
 //! ([`Refusal`], [`Notice`]) and become words in `Ground`.
 
-use super::bench_work::{MotorTurn, Progress, Sensor};
+pub use super::bench_work::{MotorTurn, Progress, Sensor};
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
