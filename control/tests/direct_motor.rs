@@ -206,7 +206,8 @@ fn loop_matrix(scale: f64) -> nalgebra::SMatrix<f64, LOOP, LOOP> {
     }
     let (phi, gamma) = control::lqr::zero_order_hold(&ac, &bc, 0.01);
     let mut k = M::<4, 20>::zeros();
-    k.fixed_view_mut::<4, 12>(0, 0).copy_from(&design.gains.matrix);
+    k.fixed_view_mut::<4, 12>(0, 0)
+        .copy_from(&design.gains.matrix);
     k.fixed_view_mut::<4, 4>(0, 12).copy_from(&integral_gains);
     let mut m = M::<LOOP, LOOP>::zeros();
     m.fixed_view_mut::<20, 20>(0, 0).copy_from(&phi);
