@@ -26,7 +26,10 @@ use vehicle::{FloorPlan, MapAnchor, MapPose, Segment};
 #[derive(Clone, Debug)]
 pub struct Room {
     name: String,
+    /// What is bumped into and what sound comes back from.
     walls: Walls,
+    /// The same without glass, if there is any: what light comes back from.
+    opaque: Option<Walls>,
     doors: Vec<Door>,
     plan: Arc<FloorPlan>,
 }
@@ -63,9 +66,34 @@ impl Room {
         Self {
             name: name.to_owned(),
             walls: Walls::new(plan.wall_segments()),
+            opaque: None,
             doors: Vec::new(),
             plan: Arc::new(plan),
         }
+    }
+
+    /// The same room with things in it that its floor plan does not show.
+    #[must_use]
+    pub fn with_unmapped(mut self, obstacles: &[Segment]) -> Self {
+        self.walls = self.walls.with(obstacles);
+        self.opaque = self.opaque.map(|walls| walls.with(obstacles));
+        self
+    }
+
+    /// The same room with panes of glass in it, which its floor plan does not show: light passes, sound and vehicles do not.
+    #[must_use]
+    pub fn with_glass(mut self, panes: &[Segment]) -> Self {
+        let walls = self.walls.with(panes);
+        let clear = core::mem::replace(&mut self.walls, walls);
+        self.opaque.get_or_insert(clear);
+        self
+    }
+
+    /// The same room as another floor plan shows it: what the bridge may know of it.
+    #[must_use]
+    pub fn shown_as(mut self, plan: FloorPlan) -> Self {
+        self.plan = Arc::new(plan);
+        self
     }
 
     /// Its name.
@@ -112,6 +140,10 @@ impl Room {
 
     pub(crate) const fn walls(&self) -> &Walls {
         &self.walls
+    }
+
+    pub(crate) const fn opaque(&self) -> Option<&Walls> {
+        self.opaque.as_ref()
     }
 }
 
@@ -252,6 +284,27 @@ mod tests {
         let a = office.walls().nearest([home.x_m, home.y_m], 5.0).unwrap().0;
         let b = copy.walls().nearest([home.x_m, home.y_m], 5.0).unwrap().0;
         assert!((a - b).abs() < 0.06, "{a} {b}");
+    }
+
+    #[test]
+    fn glass_stops_vehicles_and_sound_but_no_light_and_is_on_no_plan() {
+        let office = Room::named("office").unwrap();
+        let home = office.home();
+        let pane = Segment {
+            a: [home.x_m + 0.5, home.y_m - 0.5],
+            b: [home.x_m + 0.5, home.y_m + 0.5],
+        };
+        let room = office.with_glass(&[pane]);
+        let ahead = |walls: &crate::walls::Walls| {
+            let hit = walls.cast([home.x_m, home.y_m], [1.0, 0.0], 10.0);
+            hit.map_or(f64::INFINITY, |h| h.distance_m)
+        };
+        assert!((ahead(room.walls()) - 0.5).abs() < 1e-9);
+        assert!(ahead(room.opaque().unwrap()) > 1.0);
+        assert!(
+            room.floor_plan()
+                .is_free(In::new(home.x_m + 0.5, home.y_m, 0.0))
+        );
     }
 
     fn flood(plan: &FloorPlan, passable: impl Fn(In<Map>) -> bool) -> Vec<bool> {
