@@ -72,6 +72,7 @@ pub fn places(room: &str) -> Vec<[f64; 2]> {
 #[derive(Clone, Debug)]
 pub struct Scenario {
     room: String,
+    own_room: Option<Room>,
     seed: u64,
     ring: String,
     start: Option<MapPose>,
@@ -96,6 +97,7 @@ impl Scenario {
     pub fn room(name: &str) -> Self {
         Self {
             room: name.to_owned(),
+            own_room: None,
             seed: 1,
             ring: "tof32".to_owned(),
             start: None,
@@ -106,6 +108,15 @@ impl Scenario {
             manner: Manner::default(),
             delivery: Delivery::default(),
             params: Vec::new(),
+        }
+    }
+
+    /// A room made for the test.
+    #[must_use]
+    pub fn in_room(room: Room) -> Self {
+        Self {
+            own_room: Some(room.clone()),
+            ..Self::room(room.name())
         }
     }
 
@@ -205,7 +216,8 @@ impl Scenario {
     /// If the scenario makes no sense.
     #[must_use]
     pub fn start(self) -> Flight {
-        let room = Room::named(&self.room).expect("a bundled room");
+        let own = self.own_room.clone();
+        let room = own.unwrap_or_else(|| Room::named(&self.room).expect("a bundled room"));
         let ring = RingConfig::built_in(&self.ring).expect("a built-in ring");
         let pose = self.start.unwrap_or_else(|| room.home());
         let start = if self.is_unknown {
