@@ -11,7 +11,7 @@
 //! | [`route`] | [`Router`]: A* on the inflated plan |
 //! | [`navigator`] | [`Navigator`]: goal and state to [`vehicle::Setpoint`]; the limiter of manual flight |
 //! | [`vfh`] | certainty grid, polar histogram, openings, steering |
-//! | [`potential`] | potential fields, SNSI's first planner, for comparison |
+//! | [`potential`] | potential fields, SNSI's first planner, selectable for comparison |
 //! | [`trajectory`] | orbit, figure eight, curves of least jerk through way points |
 //! | [`tracks`] | people: what moves and is not on the plan |
 //! | [`evade`] | where to step aside |
@@ -68,4 +68,4 @@ pub use mission::{
 pub use navigator::{Goal, Navigator, Steering, SteeringState};
 pub use params::PlannerParams;
 pub use route::{RouteError, Router};
-pub use vfh::VfhParams;
+pub use vfh::{VfhParams, VfhVariant};

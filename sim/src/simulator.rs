@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vehicle::{
     DownRange, FloorPlan, FlowSample, Frd, In, MapAnchor, MapPose, Ned, RangerReading, Rot,
-    Timestamp,
+    Segment, Timestamp,
 };
 
 /// Step of the simulation.
@@ -150,7 +150,12 @@ impl Simulator {
                 )
             })
             .collect();
-        let world = World::new(config.room.walls().clone(), config.people, crafts.len());
+        let world = World::new(
+            config.room.walls().clone(),
+            config.room.opaque().cloned(),
+            config.people,
+            crafts.len(),
+        );
         let mut sim = Self {
             now: Timestamp::ZERO,
             world,
@@ -272,6 +277,14 @@ impl Simulator {
     /// If there is no such vehicle.
     pub fn set_fault(&mut self, vehicle: usize, fault: Fault, active: bool) {
         self.crafts[vehicle].set_fault(fault, active);
+    }
+
+    /// Something stands in the room from now on that was not there before (segments on the plan, m).
+    pub fn raise(&mut self, obstacles: &[Segment]) {
+        self.world.raise(obstacles);
+        for craft in &mut self.crafts {
+            craft.contact.look_again();
+        }
     }
 
     /// Carries a vehicle elsewhere (the kidnapped robot): same height, at rest, without any sensor noticing the way.

@@ -74,6 +74,7 @@ pub fn places(room: &str) -> Vec<[f64; 2]> {
 #[derive(Clone, Debug)]
 pub struct Scenario {
     room: String,
+    own_room: Option<Room>,
     seed: u64,
     ring: String,
     start: Option<MapPose>,
@@ -101,6 +102,7 @@ impl Scenario {
     pub fn room(name: &str) -> Self {
         Self {
             room: name.to_owned(),
+            own_room: None,
             seed: 1,
             ring: "tof32".to_owned(),
             start: None,
@@ -114,6 +116,15 @@ impl Scenario {
             delivery: Delivery::default(),
             params: Vec::new(),
             is_recorded: false,
+        }
+    }
+
+    /// A room made for the test.
+    #[must_use]
+    pub fn in_room(room: Room) -> Self {
+        Self {
+            own_room: Some(room.clone()),
+            ..Self::room(room.name())
         }
     }
 
@@ -239,9 +250,10 @@ impl Scenario {
     /// If the scenario makes no sense.
     #[must_use]
     pub fn start(self) -> Flight {
-        let room = Room::named(&self.room)
-            .expect("a bundled room")
-            .with_unmapped(&self.boxes)
+        let own = self.own_room.clone();
+        let room = own
+            .unwrap_or_else(|| Room::named(&self.room).expect("a bundled room"))
+            .with_boxes(&self.boxes)
             .with_no_fly(&self.no_fly);
         let ring = RingConfig::built_in(&self.ring).expect("a built-in ring");
         let pose = self.start.unwrap_or_else(|| room.home());

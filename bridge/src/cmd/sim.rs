@@ -417,7 +417,7 @@ impl SimArgs {
             )
         })?;
         let boxes: Vec<[f64; 3]> = self.obstacle.iter().map(|b| b.0).collect();
-        let room = self.room()?.with_unmapped(&boxes);
+        let room = self.room()?.with_boxes(&boxes);
         let settings = self.settings(&keep)?;
         let (pose, start) = match self.start {
             None => (room.home(), Start::Known(room.home())),

@@ -11,6 +11,7 @@
 //!
 //! In both, somebody coming close makes the vehicle step aside ([`crate::evade`]) and come back.
 
+mod classic;
 mod foresight;
 mod hover;
 mod limiter;
@@ -23,9 +24,9 @@ use crate::fence::{Fence, Site, Zone};
 use crate::params::PlannerParams;
 use crate::route::{MAX_CORNERS, Path, RouteError, Router};
 use crate::tracks::Tracker;
-use crate::vfh::config::VfhParams;
+use crate::vfh::config::{VfhParams, VfhVariant};
 use crate::vfh::grid::{CertaintyGrid, OBSTACLE};
-use crate::vfh::histogram::Histogram;
+use crate::vfh::histogram::{Histogram, Window};
 use crate::vfh::surroundings::{Disc, Surroundings, WallRaster};
 use crate::vfh::{SECTORS, middle_of, sector_of};
 use arrayvec::ArrayVec;
@@ -39,6 +40,9 @@ use vehicle::{FloorPlan, Heading, In, Map, MapAnchor, NavState, Ned, Setpoint, T
 const HOVER_M: f64 = 0.4;
 /// Obstacles weaker than this do not stop anything: a certainty of 6 of 15.
 const SURE_WEIGHT: f64 = 0.16;
+/// A place on the plan that is not confirmed any more holds for this long, s, carried on by the vehicle's velocity: flow drifts
+/// some centimetres meanwhile.
+const CARRIED_S: f64 = 10.0;
 /// Most cells added to one search.
 const SEEN_MAX: usize = 1024;
 /// How far around seen obstacles are added to a search, m.
@@ -120,6 +124,9 @@ pub struct Navigator {
     recent: sight::RecentReturns,
     surroundings: Surroundings,
     histogram: Histogram,
+    window: Window,
+    /// Only for the thesis' variant.
+    counts: Option<Box<classic::Counts>>,
     evader: Evader,
     evade_place: Option<Vector2<f64>>,
     evade_next: Timestamp,
@@ -142,6 +149,8 @@ pub struct Navigator {
     border: Vec<In<Map>>,
     /// Points of the borders of the plan's no-fly zones.
     no_fly: Vec<In<Map>>,
+    /// When the place on the plan was last known.
+    placed: Option<Timestamp>,
     seen: Vec<In<Map>>,
     sectors: [f32; SECTORS],
     state: SteeringState,
@@ -187,6 +196,8 @@ impl Navigator {
             recent: sight::RecentReturns::default(),
             surroundings: Surroundings::default(),
             histogram: Histogram::new(&vfh, radius_m),
+            window: Window::new(vfh.window_m),
+            counts: classic::Counts::for_variant(vfh.variant),
             evader: Evader::default(),
             evade_place: None,
             evade_next: Timestamp::ZERO,
@@ -204,6 +215,7 @@ impl Navigator {
             home: In::zero(),
             border: Vec::with_capacity(BORDER_MAX),
             no_fly,
+            placed: None,
             seen: Vec::with_capacity(SEEN_MAX),
             sectors: [f32::INFINITY; SECTORS],
             state: SteeringState::default(),
@@ -218,6 +230,10 @@ impl Navigator {
         self.router.set_params(&params);
         self.grid.set_params(&vfh);
         self.histogram = Histogram::new(&vfh, self.radius_m);
+        self.window = Window::new(vfh.window_m);
+        if vfh.variant != self.vfh.variant {
+            self.counts = classic::Counts::for_variant(vfh.variant);
+        }
         (self.params, self.vfh) = (params, vfh);
     }
 
@@ -402,11 +418,12 @@ impl Navigator {
     /// Searches with everything that was seen and is still believed.
     fn search(&mut self, to: In<Ned>, nav: &NavState) -> Result<Path, RouteError> {
         let (from, to) = (self.anchor.to_map(nav.position), self.anchor.to_map(to));
+        let is_remembered = self.vfh.variant == VfhVariant::Plus;
         let seen = &mut self.seen;
         seen.clear();
         self.grid
             .around(from, SEEN_RADIUS_M, nav.at, |p, certainty| {
-                if certainty >= OBSTACLE && seen.len() < SEEN_MAX {
+                if is_remembered && certainty >= OBSTACLE && seen.len() < SEEN_MAX {
                     seen.push(p);
                 }
             });
@@ -441,7 +458,8 @@ impl Navigator {
         }
         self.follow_relocalisation(nav);
         let here = self.anchor.to_map(nav.position);
-        self.look_around(now, here, nav);
+        self.placed = Some(now);
+        self.look_around(now, here);
         match self.activity {
             Activity::Travel => self.travel(now, nav, here, &goal),
             Activity::Hover | Activity::Idle => self.hover(now, nav, here, &goal),
@@ -454,10 +472,14 @@ impl Navigator {
             return;
         }
         self.reset_counter = nav.localization.reset_counter;
+        self.placed = None;
         self.grid.clear();
         self.tracker.clear();
         self.recent.clear();
         self.histogram.clear();
+        if let Some(counts) = &mut self.counts {
+            counts.clear();
+        }
         if let (Activity::Travel, Some(goal)) = (self.activity, self.goal)
             && let Ok(path) = self.search(goal.position, nav)
         {
@@ -465,14 +487,29 @@ impl Navigator {
         }
     }
 
-    /// Collects the obstacles around.
-    fn look_around(&mut self, now: Timestamp, here: In<Map>, nav: &NavState) {
+    /// True if the plan's walls are where the estimate says: the place is known, or was a moment ago and was carried on by
+    /// velocity since.
+    fn place_holds(&mut self, now: Timestamp, nav: &NavState) -> bool {
+        if !nav.position.is_finite() {
+            return false;
+        }
+        if nav.health.position {
+            self.placed = Some(now);
+            return true;
+        }
+        let is_carried = nav.health.velocity && nav.velocity.is_finite();
+        is_carried
+            && self
+                .placed
+                .is_some_and(|at| now.seconds_since(at) < CARRIED_S)
+    }
+
+    /// Collects the obstacles around; where the vehicle is on the plan must hold.
+    fn look_around(&mut self, now: Timestamp, here: In<Map>) {
+        self.grid.stand_on(here, self.radius_m, now);
         let around = &mut self.surroundings;
         around.begin(here, self.vfh.window_m);
-        if nav.health.position {
-            around.add_walls(&self.walls);
-        }
-        if nav.health.position && self.router.room_m(here) > 0.0 {
+        if self.router.room_m(here) > 0.0 {
             for p in &self.no_fly {
                 around.add_border(*p);
             }
@@ -483,6 +520,7 @@ impl Navigator {
             }
         }
         around.add_cells(&self.grid, now);
+        around.add_walls(&self.walls);
         let believed = self.recent.fresh(now).filter(|r| r.is_supported);
         for echo in believed.filter_map(|r| r.unexplained) {
             around.add_echo(echo);
