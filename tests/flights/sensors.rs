@@ -376,6 +376,8 @@ fn lands_after(craft: &mut Craft, happen: impl FnOnce(&mut Craft)) -> f64 {
             acted = Some(craft.now.seconds_since(began));
         }
     }
+    // The controller hears of it with the next frames.
+    craft.run_s(0.5);
     let truth = craft.sim.truth(0);
     assert!(
         truth.on_floor && !truth.armed && truth.contacts == 0,
