@@ -223,11 +223,12 @@ fn full_stick_at_a_no_fly_zone_and_at_the_fence_stops_before_them() {
         f.take_off(1.0);
         f.wait_s(1.0);
         let east_m = push_east(&mut f, 6.0);
+        f.assert(east_m > 0.4, &format!("only {east_m:.2} m"));
+        // It may slide along the border and round the corner, and never in.
+        let beside = f.rows.iter().filter(|r| r.position[0].abs() < 1.15);
+        let east_m = beside.map(|r| r.position[1]).fold(0.0, f64::max);
         farthest_m[0] = farthest_m[0].max(east_m);
-        f.assert(
-            east_m > 0.4 && east_m < 1.2,
-            &format!("{east_m:.2} m of 1.20 m"),
-        );
+        f.assert(east_m < 1.2, &format!("{east_m:.2} m of 1.20 m"));
 
         let mut f = Scenario::office().seed(seed).start();
         f.until("armable", 20.0, |f| f.station.heard().is_armable);
@@ -293,7 +294,7 @@ fn with_the_direct_way_home_blocked_it_returns_the_way_it_came() {
             take_off(1.0),
             ned(6.2, 3.3),
             ned(7.9, 4.95),
-            ned(4.6, 4.95),
+            ned(5.3, 4.95),
             return_home(),
         ];
         assert_eq!(f.upload(out), 0);

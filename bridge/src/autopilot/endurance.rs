@@ -24,6 +24,8 @@ pub struct Endurance {
     /// The sample that learning counts from: the pack was changed, or the program began.
     first: Option<BatterySample>,
     average_a: f64,
+    /// Time that is in the average, s.
+    flown_s: f64,
     capacity_mah: Option<f64>,
 }
 
@@ -50,11 +52,12 @@ impl Endurance {
             return;
         }
         if is_flying {
-            if dt_s < PAUSE_S && self.average_a > 0.0 {
-                self.average_a += (b.current_a - self.average_a) * dt_s / (AVERAGE_S + dt_s);
-            } else {
-                self.average_a = b.current_a;
+            if dt_s >= PAUSE_S {
+                self.flown_s = 0.0;
             }
+            // A plain mean at first: the motors' first turns are no measure.
+            self.average_a += (b.current_a - self.average_a) * dt_s / (self.flown_s + dt_s);
+            self.flown_s = (self.flown_s + dt_s).min(AVERAGE_S);
         }
         if let (Some(was), Some(is)) = (first.remaining, b.remaining)
             && was - is > LEARNT_AFTER

@@ -100,7 +100,7 @@ impl SensorFeed {
                 } else {
                     send(Sample::DownRange(DownRange {
                         at,
-                        distance_m: mm.map(|mm| f64::from(mm) * 1e-3),
+                        distance_m: mm.map(|mm| f64::from(mm) / 1e3),
                     }));
                 }
             }

@@ -83,10 +83,11 @@ impl Filter {
                 }
             }
         }
+        // `p - p^2 / s` is left of a variance p. The state follows all the same: what gathered evidence is not surer, but newer.
+        let mut learnt_per_s = per_s;
         if quality.least_variance > 0.0 {
-            // `p - p^2 / s` is left of a variance p.
             let most = (hph - quality.least_variance) / (hph * hph);
-            per_s = if most > 0.0 { per_s.min(most) } else { 0.0 };
+            learnt_per_s = if most > 0.0 { per_s.min(most) } else { 0.0 };
         }
         let gain = innovation * per_s;
         // The state was finite before, so it is enough to look at what is added; no correction is larger than the root of its
@@ -104,7 +105,7 @@ impl Filter {
             &part(ACCEL_BIAS),
             &part(GYRO_BIAS),
         );
-        self.covariance.add_outer(&ph, -per_s);
+        self.covariance.add_outer(&ph, -learnt_per_s);
         self.turned += turn * 0.5;
         if self.turned.norm_squared() > SMALL_TURN2 {
             self.settle();

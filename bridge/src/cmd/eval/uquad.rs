@@ -85,7 +85,7 @@ pub(crate) struct UquadArgs {
         long,
         value_name = "XY,Z",
         value_delimiter = ',',
-        num_args = 2,
+        num_args = 1,
         conflicts_with = "legacy"
     )]
     inertia: Vec<f64>,

@@ -200,9 +200,30 @@ fn fixes_hold_the_horizontal_position_and_eight_states_refuse_them() {
         both.contains("--gps zeros and --states 8") && both.contains("estimate 12"),
         "{both}"
     );
-    assert!(error(&folder, &["--frames-per-action", "0"]).contains("acts every step"));
-    assert!(error(&folder, &["--inertia", "0,1"]).contains("0-10 kg m2"));
+    let never = error(
+        &folder,
+        &["--calibration-frames", "100", "--frames-per-action", "0"],
+    );
+    assert!(never.contains("acts every step"), "{never}");
+    assert!(
+        error(
+            &folder,
+            &["--calibration-frames", "100", "--inertia", "0,1"]
+        )
+        .contains("0-10 kg m2")
+    );
     std::fs::write(&log, "0 3\n").unwrap();
-    assert!(error(&folder, &["--gps", &log.display().to_string()]).contains("line 1"));
+    assert!(
+        error(
+            &folder,
+            &[
+                "--calibration-frames",
+                "100",
+                "--gps",
+                &log.display().to_string()
+            ]
+        )
+        .contains("line 1")
+    );
     std::fs::remove_dir_all(&folder).unwrap();
 }
