@@ -87,7 +87,7 @@ pub(crate) struct FlyArgs {
     #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
     start: Option<StartArg>,
     /// A sensor: ld06, rplidar, tof_ring, hc_sr04, msp, mavlink, gpsd, gps_log, gps_fake, each with its device and options, like
-    /// 'ld06:///dev/ttyUSB0?yaw_deg=90' (repeatable; also as [[sensor]] in the configuration file).
+    /// 'ld06:///dev/ttyUSB0?yaw_deg=90' (repeatable; also as a table `sensor` in the configuration file).
     #[arg(long = "sensor", value_name = "URL")]
     sensors: Vec<String>,
     /// Keep parameters, mission, flight logs and uploaded files in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
