@@ -330,7 +330,7 @@ fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
     let resolve = |text: &str| -> Result<SocketAddr, OpenError> {
         let address = |reason| OpenError::Address {
             endpoint: endpoint.clone(),
-            source,
+            reason,
         };
         let mut found = text.to_socket_addrs().map_err(address)?;
         found
