@@ -57,20 +57,20 @@ pub enum LinkEvent {
 #[derive(Debug, Error)]
 pub enum OpenError {
     /// Address not known.
-    #[error("{endpoint}: cannot find that address: {source}")]
+    #[error("{endpoint}: cannot find that address: {reason}")]
     Address {
         /// Asked for.
         endpoint: Endpoint,
         /// Reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// Port taken or not allowed.
-    #[error("{endpoint}: {source}{}", if source.kind() == io::ErrorKind::AddrInUse { ": stop the other program or name another port" } else { "" })]
+    #[error("{endpoint}: {reason}{}", if reason.kind() == io::ErrorKind::AddrInUse { ": stop the other program or name another port" } else { "" })]
     Bind {
         /// Asked for.
         endpoint: Endpoint,
         /// Reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The network thread could not be started.
     #[error("cannot start the network thread: {0}")]
@@ -328,18 +328,18 @@ fn told(policy: &LinkPolicy) -> String {
 fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
     let endpoint = &w.endpoint;
     let resolve = |text: &str| -> Result<SocketAddr, OpenError> {
-        let address = |source| OpenError::Address {
+        let address = |reason| OpenError::Address {
             endpoint: endpoint.clone(),
-            source,
+            reason,
         };
         let mut found = text.to_socket_addrs().map_err(address)?;
         found
             .next()
             .ok_or_else(|| address(io::Error::from(io::ErrorKind::NotFound)))
     };
-    let failed = |source| OpenError::Bind {
+    let failed = |reason| OpenError::Bind {
         endpoint: endpoint.clone(),
-        source,
+        reason,
     };
     // A default port in use gives the next free one; a named one is an error.
     let tries = if w.is_default { 32 } else { 1 };
