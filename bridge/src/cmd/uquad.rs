@@ -55,7 +55,7 @@ pub(crate) enum States {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Order {
+pub(crate) enum Order {
     /// z, psi, phi, theta: the file K_int_full_pptz.
     Zppt,
     /// psi, phi, z, theta: the file K_int_full_ppzt.
@@ -65,7 +65,7 @@ enum Order {
 }
 
 impl Order {
-    const fn columns(self) -> Columns {
+    pub(crate) const fn columns(self) -> Columns {
         match self {
             Self::Zppt => COLUMNS_OF_PPTZ,
             Self::Ppzt => COLUMNS_OF_PPZT,

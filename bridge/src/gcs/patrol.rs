@@ -164,9 +164,14 @@ impl PatrolReport {
             format!(", {name} alone {s:.0} s")
         });
         let text = format!(
-            "Round {}: {} rooms, {:.0} s, {:.1} m{battery}{alone}",
+            "Round {}: {} {}, {:.0} s, {:.1} m{battery}{alone}",
             self.rounds_flown,
             round.rooms.len(),
+            if round.rooms.len() == 1 {
+                "room"
+            } else {
+                "rooms"
+            },
             now.seconds_since(round.since),
             round.way_m,
         );

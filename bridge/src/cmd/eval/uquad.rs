@@ -4,6 +4,7 @@ mod report;
 
 use super::super::Usage;
 use super::super::term::{Terminal, complain};
+use super::super::uquad::{Order, States};
 use super::progress::Progress;
 use anyhow::{Context as _, Result, bail};
 use bridge::io::clock::Clock;
@@ -11,9 +12,7 @@ use bridge::sensor::gps::fake::Fake;
 use bridge::sensor::gps::log as gps_log;
 use bridge::uquad::{Said, Start, Step, Uquad, UquadConfig, speed_range};
 use clap::{Args, ValueEnum};
-use control::integral::{
-    COLUMNS_OF_PPTZ, COLUMNS_OF_PPZT, COLUMNS_OF_XYZT, Columns, IntegralAction,
-};
+use control::integral::IntegralAction;
 use control::proportional::Gains;
 use estimator::imu::fir::Fir;
 use estimator::imu::replay::{LogRow, Replay, Speed};
@@ -171,34 +170,6 @@ impl Gps {
             Self::Off => None,
             Self::Fake(fake) => fake.poll(now),
             Self::Log(log) => log.poll(now),
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum States {
-    #[value(name = "8")]
-    Eight,
-    #[value(name = "12")]
-    Twelve,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Order {
-    /// z, psi, phi, theta: the file K_int_full_pptz.
-    Zppt,
-    /// psi, phi, z, theta: the file K_int_full_ppzt.
-    Ppzt,
-    /// x, y, z, theta: the older files.
-    Xyzt,
-}
-
-impl Order {
-    const fn columns(self) -> Columns {
-        match self {
-            Self::Zppt => COLUMNS_OF_PPTZ,
-            Self::Ppzt => COLUMNS_OF_PPZT,
-            Self::Xyzt => COLUMNS_OF_XYZT,
         }
     }
 }
