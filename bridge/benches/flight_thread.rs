@@ -160,7 +160,7 @@ fn share(seconds: u64) {
         let endpoint = format!("serial://{device}?baudrate=115200")
             .parse()
             .unwrap();
-        let handle = flight_thread::start(flight, endpoint, clock).unwrap();
+        let handle = flight_thread::start(flight, endpoint, clock, None).unwrap();
         let mut controller = Controller::new(master, byte_ns);
         controller.drive(seconds, || {
             while let Some(news) = handle.poll() {

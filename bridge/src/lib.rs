@@ -5,19 +5,23 @@
 //! | [`autopilot`] | the brain: [`Flight`](autopilot::flight::Flight), [`Ground`](autopilot::ground::Ground) and the typed [`door`](autopilot::door) between them |
 //! | [`fc`] | towards the flight controller: MSP schedule, unit conversion, RC output |
 //! | [`gcs`] | towards the ground: one MAVLink service per file |
+//! | [`log`] | flight logs: what is recorded, how it is written, read and flown again |
 //! | [`motor`] | towards motors without a flight controller: uQuad's driver on I2C |
 //! | [`sensor`] | readings of range finders as scans |
 //! | [`settings`] | every parameter of every component, with where its value came from |
 //! | [`station`] | a small ground station: what `demo` and the tests fly with |
 //! | [`uquad`] | uQuad's loop: frames of its inertial unit to motor speeds |
 //! | [`io`] | the shell: threads, sockets, serial ports, clocks |
+//! | [`web`] | the operator's console: one page, one WebSocket, accounts |
 
 pub mod autopilot;
 pub mod fc;
 pub mod gcs;
 pub mod io;
+pub mod log;
 pub mod motor;
 pub mod sensor;
 pub mod settings;
 pub mod station;
 pub mod uquad;
+pub mod web;

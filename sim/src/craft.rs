@@ -2,6 +2,9 @@
 
 use crate::config::VehicleConfig;
 use crate::controller::Controller;
+use crate::device::Laser;
+use crate::fc::uart::BURST;
+use crate::motor_craft::MotorCraft;
 use crate::quad::Quad;
 use crate::quad::contact::Contact;
 use crate::sensor::{
@@ -12,7 +15,7 @@ use crate::world::World;
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use vehicle::{Airframe, In, MapAnchor, MapPose, Timestamp};
+use vehicle::{Airframe, In, MapAnchor, MapPose, RangerReading, Timestamp};
 
 /// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
 const IN_TRANSIT: usize = 512;
@@ -23,7 +26,13 @@ pub(crate) struct Craft {
     pub(crate) quad: Quad,
     pub(crate) fc: Controller,
     pub(crate) contact: Contact,
+    /// The body in place of the quad's own, with the speeds it is commanded, rad/s.
+    pub(crate) motors: Option<(MotorCraft, [f64; 4])>,
     rangers: Vec<Ranger>,
+    ring_waits: bool,
+    lasers: Vec<Laser>,
+    /// Where lidars put their bytes.
+    line: Vec<u8>,
     down: Option<DownRanger>,
     flow: Option<FlowCamera>,
     faults: Vec<Fault>,
@@ -56,9 +65,20 @@ impl Craft {
         Self {
             fc: Controller::new(config, seed, index, &quad, field),
             contact: Contact::new(&quad),
+            motors: config.motor_craft.map(|frame| {
+                let mut body = MotorCraft::landed(frame, -yaw_rad);
+                body.put(&quad);
+                (body, [0.0; 4])
+            }),
             rangers: rangers
                 .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))
                 .collect(),
+            ring_waits: config.ring_waits,
+            lasers: (0..)
+                .zip(&config.lasers)
+                .map(|(i, laser)| Laser::new(*laser, seed, index, i))
+                .collect(),
+            line: Vec::new(),
             down: config.down_range.then(|| DownRanger::new(seed, index)),
             flow: config.flow.then(|| FlowCamera::new(seed, index)),
             faults: Vec::new(),
@@ -70,14 +90,24 @@ impl Craft {
     /// One millisecond of flight.
     pub(crate) fn fly(&mut self, now: Timestamp, shared: &Shared<'_>) {
         let motors = self.fc.step(now, &self.quad);
-        let bump = self.quad.step(motors);
+        let bump = match &mut self.motors {
+            None => self.quad.step(motors),
+            Some((body, speeds)) => self.quad.follow(body, *speeds),
+        };
         let Shared {
             world,
             anchor,
             index,
         } = shared;
+        let before = (self.quad.position(), self.quad.velocity());
         self.contact
             .resolve(&mut self.quad, bump, world, *index, anchor);
+        if let Some((body, _)) = &mut self.motors
+            && before != (self.quad.position(), self.quad.velocity())
+        {
+            // Walls and people have pushed it.
+            body.put(&self.quad);
+        }
     }
 
     /// Fires what is due and hands over what has arrived.
@@ -87,7 +117,10 @@ impl Craft {
         shared: &Shared<'_>,
         out: &mut impl FnMut(usize, SimOutput),
     ) {
-        self.fire_rangers(now, shared);
+        if !self.ring_waits {
+            self.fire_rangers(now, shared);
+        }
+        self.turn_lasers(now, shared, out);
         if let Some(down) = &mut self.down
             && down.is_due(now)
         {
@@ -130,6 +163,51 @@ impl Craft {
         }
     }
 
+    /// Bytes of lidars leave as they are measured.
+    fn turn_lasers(
+        &mut self,
+        now: Timestamp,
+        shared: &Shared<'_>,
+        out: &mut impl FnMut(usize, SimOutput),
+    ) {
+        if self.lasers.is_empty() {
+            return;
+        }
+        let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
+        for (laser, device) in (0u8..).zip(&mut self.lasers) {
+            self.line.clear();
+            device.step(now, &view, &mut self.line);
+            if self.faults.contains(&Fault::LaserSilent(laser)) {
+                continue;
+            }
+            for bytes in self.line.chunks(BURST) {
+                let bytes = bytes.iter().copied().collect();
+                out(shared.index, SimOutput::Laser { laser, bytes });
+            }
+        }
+    }
+
+    /// Fires a ranger of the ring now.
+    pub(crate) fn trigger(
+        &mut self,
+        now: Timestamp,
+        ranger: u8,
+        shared: &Shared<'_>,
+    ) -> Option<RangerReading> {
+        if self.faults.contains(&Fault::RangerSilent(ranger)) {
+            return None;
+        }
+        let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
+        let ranger = self.rangers.get_mut(usize::from(ranger))?;
+        Some(ranger.fire(now, &view).0)
+    }
+
+    pub(crate) fn write_laser(&mut self, now: Timestamp, laser: usize, bytes: &[u8]) {
+        if let Some(laser) = self.lasers.get_mut(laser) {
+            laser.write(now, bytes);
+        }
+    }
+
     fn post(&mut self, now: Timestamp, latency: Duration, output: SimOutput) {
         post(&mut self.in_transit, now + latency, output);
     }
@@ -155,6 +233,9 @@ impl Craft {
         self.quad.set_yaw(yaw_rad);
         self.fc.carried(yaw_rad);
         self.contact.moved(&self.quad);
+        if let Some((body, _)) = &mut self.motors {
+            body.put(&self.quad);
+        }
     }
 }
 

@@ -75,7 +75,7 @@ fn a_controller_on_a_socket_is_found_heard_and_not_flown_without_rangers() {
         },
     );
     let endpoint = format!("tcpclient://{address}").parse().unwrap();
-    let handle = flight_thread::start(flight, endpoint, clock).unwrap();
+    let handle = flight_thread::start(flight, endpoint, clock, None).unwrap();
 
     let mut snapshot = Snapshot::default();
     let deadline = Instant::now() + Duration::from_secs(30);
@@ -148,7 +148,7 @@ fn a_serial_controller_that_is_absent_comes_is_unplugged_and_comes_again_is_foun
         },
     );
     let endpoint = format!("serial://{}?baudrate=115200", device.display());
-    let handle = flight_thread::start(flight, endpoint.parse().unwrap(), clock).unwrap();
+    let handle = flight_thread::start(flight, endpoint.parse().unwrap(), clock, None).unwrap();
     let mut snapshot = Snapshot::default();
     let (mut absent, mut opened, mut lost) = (0, 0, 0);
     let mut look = |snapshot: &mut Snapshot| {

@@ -95,21 +95,21 @@ def test_flight_logs_with_mavsdk():
         station.take_off(1.0)
         station.sleep(3.0)
         station.land()
-    recorded = (state / "logs" / "0001.kfl").read_bytes()
-    assert recorded.startswith(b"kestrel flight log") and len(recorded) > 50_000, len(recorded)
+    recorded = (state / "logs" / "0001.mcap").read_bytes()
+    assert recorded.startswith(b"\x89MCAP0\r\n") and len(recorded) > 50_000, len(recorded)
     with flight(seed=62, speed=1, state_dir=state) as (_, drone):
         logs = LogFiles(drone.system)
         entries = logs.get_entries()
-        assert [entry.size_bytes for entry in entries][0] == len(recorded) and len(entries) == 2, entries
-        target = local / "flight.kfl"
+        assert [entry.size_bytes for entry in entries][0] == len(recorded) and len(entries) == 4, entries
+        target = local / "flight.mcap"
         began = time.monotonic()
         result = finish(lambda cb: logs.download_log_file_async(entries[0], str(target), cb), 120.0)
         took = time.monotonic() - began
         assert result == "SUCCESS", result
         assert target.read_bytes() == recorded
         logs.erase_all_log_files()
-        drone.wait(lambda: not (state / "logs" / "0001.kfl").exists(), 5.0, "the log is erased")
-        assert (state / "logs" / "0002.kfl").exists(), "the log of this run is gone"
+        drone.wait(lambda: not (state / "logs" / "0001.mcap").exists(), 5.0, "the log is erased")
+        assert (state / "logs" / "0002.mcap").exists(), "the log of this run is gone"
         logs.destroy()
     return f"{len(recorded)} bytes in {took:.1f} s, {len(recorded) / took / 1e3:.0f} kB/s"
 

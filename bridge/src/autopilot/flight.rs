@@ -14,7 +14,9 @@ mod tests;
 use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
+use super::bench_work::BenchWork;
 use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::endurance::Endurance;
 use super::handover::Handover;
 use super::health;
 use super::io::{FcBytes, Input, Output};
@@ -24,6 +26,7 @@ use super::modes::{Air, Cockpit};
 use super::supervisor::{FC_SILENT_S, Facts, Supervisor, Verdict};
 use crate::fc::convert::Convert;
 use crate::fc::{poll, stock_curves};
+use crate::sensor::Sample;
 use crate::sensor::ring::{Measured, Ring};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
@@ -34,11 +37,12 @@ use msp::client::Client;
 use msp::firmware::Firmware;
 use planner::mission::Mission;
 use planner::navigator::Navigator;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
-    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, RingConfig,
-    Setpoint, Sticks, Timestamp,
+    Airframe, DownRange, FloorPlan, FlowSample, GnssFix, In, MapAnchor, MapPose, NavState, Ned,
+    RingConfig, Setpoint, Sticks, Timestamp,
 };
 
 /// Longer between two inputs and we were held up ourselves.
@@ -47,7 +51,7 @@ const OWN_STALL: Duration = Duration::from_millis(60);
 const OUTPUTS: usize = 256;
 
 /// Where the vehicle stands at start.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Start {
     /// Known: on the plan, within a hand's breadth.
     Known(MapPose),
@@ -89,6 +93,7 @@ pub struct Flight {
     fc_arm: FcArmState,
     link: controller::Link,
     handover: Handover,
+    bench_work: BenchWork,
     fc: FcStatus,
     air: Air,
     home: In<Ned>,
@@ -108,9 +113,12 @@ pub struct Flight {
     /// How long the pilot has had the vehicle on the floor, s.
     pilot_down_s: f64,
     localized_at: Option<Timestamp>,
+    /// Zero of the flight controller's satellite fixes.
+    gnss_start: crate::sensor::gps::Start,
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
     shutting_down: bool,
+    endurance: Endurance,
     control: ControlOutput,
     snapshot: Snapshot,
     outputs: VecDeque<Output>,
@@ -171,6 +179,7 @@ impl Flight {
             fc_arm: FcArmState::default(),
             link: controller::Link::default(),
             handover: Handover::new(settings.autopilot.radio),
+            bench_work: BenchWork::default(),
             fc: FcStatus::default(),
             air: Air::Ground,
             home: In::zero(),
@@ -186,9 +195,11 @@ impl Flight {
             missed_before: 0,
             pilot_down_s: 0.0,
             localized_at: None,
+            gnss_start: crate::sensor::gps::Start::default(),
             reset_counter: 0,
             ground_heard: None,
             shutting_down: false,
+            endurance: Endurance::default(),
             control: ControlOutput::default(),
             snapshot: Snapshot {
                 home_yaw_rad,
@@ -215,6 +226,8 @@ impl Flight {
             Input::Asked(asked) => self.asked(now, &asked),
             Input::JobDone(result) => self.estimator.search_done(&result),
             Input::FcClosed => self.lose_controller(false),
+            Input::Gnss(fix) => self.gnss(&fix),
+            Input::Pose(pose) => self.estimator.external_pose(&pose),
             Input::Wake => {}
         }
         self.listen(now);
@@ -259,6 +272,12 @@ impl Flight {
         self.standby.as_ref()
     }
 
+    /// Parameters as they are flown with.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
     /// The estimator, for pictures and logs.
     #[must_use]
     pub const fn estimator(&self) -> &Estimator {
@@ -289,6 +308,7 @@ impl Flight {
         let nav = *self.estimator.state();
         self.notice_localization(now, &nav);
         self.confirm_arming(now);
+        self.bench_step(now);
 
         // Arbitrate and plan.
         self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
@@ -434,6 +454,7 @@ impl Flight {
             offboard_silent_s: self.arbiter.offboard_silent_s(now),
             manual_silent_s: self.arbiter.manual_silent_s(now),
             battery: self.snapshot.battery.and_then(|b| b.remaining),
+            spare_s: self.spare_s(nav),
             fc_silent_s: self.fc_silent_s(now),
             loop_gap_s,
             params: &self.settings.autopilot,
@@ -459,6 +480,19 @@ impl Flight {
                 ))),
             }
         }
+    }
+
+    /// Time the battery lasts beyond the way home and the landing, s.
+    fn spare_s(&mut self, nav: &NavState) -> Option<f64> {
+        if let Some(battery) = &self.snapshot.battery {
+            self.endurance.sample(battery, self.air == Air::Flying);
+        }
+        let left_s = self.endurance.left_s(&self.settings.autopilot);
+        let way_m = self.navigator.way_home_m(nav);
+        (self.snapshot.endurance_s, self.snapshot.way_home_m) = (left_s, way_m);
+        let cruise_mps = self.settings.planner.cruise_mps;
+        let home_s = Endurance::home_s(way_m?, nav.height_m, cruise_mps, &self.settings.autopilot);
+        Some(left_s? - home_s)
     }
 
     /// Leaves the floor or stops the motors as the arbiter ordered.
@@ -518,6 +552,24 @@ impl Flight {
     fn down_range(&mut self, sample: &DownRange) {
         self.estimator.down_range(sample);
         self.snapshot.down_range = Some(*sample);
+    }
+
+    fn gnss(&mut self, fix: &GnssFix) {
+        if self.settings.autopilot.gnss {
+            self.estimator.gnss(fix);
+        }
+        self.snapshot.gnss = Some(*fix);
+    }
+
+    /// A sample that came over a link.
+    fn sensed(&mut self, sample: &Sample) {
+        match sample {
+            Sample::Ranger(reading) => self.range(reading),
+            Sample::DownRange(range) => self.down_range(range),
+            Sample::Flow(flow) => self.flow(flow),
+            Sample::Gnss(fix) => self.gnss(fix),
+            Sample::Pose(pose) => self.estimator.external_pose(pose),
+        }
     }
 
     fn flow(&mut self, sample: &FlowSample) {
@@ -610,6 +662,9 @@ impl Flight {
         );
         s.velocity_target = self.control.velocity_sp;
         s.thrust_target = self.control.thrust_fraction;
+        s.accel_target = self.control.accel_sp;
+        s.yaw_rate_target_radps = self.control.yaw_rate_sp_radps;
+        s.avoidance = self.navigator.avoidance();
         s.sticks = sticks;
         s.fc = self.fc;
         s.flight_loop.sample_to_command = self.latency.summary();

@@ -43,6 +43,8 @@ pub struct Facts<'a> {
     pub manual_silent_s: f64,
     /// Battery left, 0..=1.
     pub battery: Option<f64>,
+    /// Time the battery lasts beyond the way home and the landing; none while it cannot be told.
+    pub spare_s: Option<f64>,
     /// Time since the flight controller said anything.
     pub fc_silent_s: f64,
     /// Time between the last two ticks.
@@ -81,7 +83,7 @@ const BLIND_DESCENT_S: f64 = 8.0;
 const BLIND_THROTTLE: f64 = 0.95;
 
 /// The failsafes, most important first.
-pub const TABLE: [Row; 10] = [
+pub const TABLE: [Row; 11] = [
     Row {
         because: Because::FcSilent,
         when: |f| f.is_armed && f.fc_silent_s > FC_SILENT_S,
@@ -149,6 +151,17 @@ pub const TABLE: [Row; 10] = [
         action: |f| (!matches!(f.mode, Mode::Land | Mode::Return)).then_some(Mode::Return),
         tells_end: true,
         doc: "battery below BAT_LOW_THR",
+        does: "Return, unless landing already",
+    },
+    Row {
+        because: Because::BatteryReserve,
+        when: |f| {
+            let reserve_s = f.params.battery_reserve_s;
+            f.is_flying && reserve_s > 0.0 && f.spare_s.is_some_and(|s| s < reserve_s)
+        },
+        action: |f| (!matches!(f.mode, Mode::Land | Mode::Return)).then_some(Mode::Return),
+        tells_end: false,
+        doc: "battery lasts less than KST_BAT_RESERVE longer than the way home and the landing take",
         does: "Return, unless landing already",
     },
     Row {
@@ -297,6 +310,7 @@ mod tests {
             offboard_silent_s: f64::INFINITY,
             manual_silent_s: f64::INFINITY,
             battery: Some(0.9),
+            spare_s: Some(400.0),
             fc_silent_s: 0.01,
             loop_gap_s: 0.025,
             params,
@@ -317,7 +331,7 @@ mod tests {
     #[test]
     fn each_row_acts() {
         let p = AutopilotParams::default();
-        let cases: [(Facts<'_>, Verdict); 10] = [
+        let cases: [(Facts<'_>, Verdict); 11] = [
             (
                 Facts {
                     fc_silent_s: 0.21,
@@ -368,6 +382,13 @@ mod tests {
                     ..well(&p)
                 },
                 Verdict::Act(Because::BatteryLow, Mode::Return),
+            ),
+            (
+                Facts {
+                    spare_s: Some(44.0),
+                    ..well(&p)
+                },
+                Verdict::Act(Because::BatteryReserve, Mode::Return),
             ),
             (
                 Facts {

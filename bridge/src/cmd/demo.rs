@@ -1,13 +1,15 @@
 //! `kestrel demo`: a patrol flown in the simulator through the MAVLink door, with a summary and a picture.
 
 use super::picture::{Picture, TrackPoint};
-use super::sim::{SimArgs, Speed};
+use super::session::end_log;
+use super::sim::{Built, SimArgs, Speed};
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::{Context as _, Result, bail};
 use bridge::gcs::LinkId;
 use bridge::io::clock::Clock;
 use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::logger::WhenFull;
 use bridge::io::net::LinkEvent;
 use bridge::io::truth::Row;
 use bridge::station::{self, GroundStation, Reply};
@@ -44,12 +46,15 @@ pub(crate) struct DemoArgs {
 
 pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let (mut lockstep, _keep) = args.sim.build()?;
     let speed = args.sim.speed.unwrap_or(Speed::Max);
+    // Nothing flies: a slow disk may hold it up.
+    let Built {
+        mut lockstep, log, ..
+    } = args.sim.build(WhenFull::Wait)?;
     // Only a flight that can be watched needs links.
     let links = match speed {
         Speed::Max if args.sim.mavlink.is_empty() => None,
-        _ => Some(args.sim.links(&mut lockstep)?),
+        _ => Some(args.sim.links(&mut lockstep.ground)?),
     };
     let mut terminal = Terminal::new(args.sim.quiet);
     let places = places(&lockstep)?;
@@ -130,6 +135,9 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
     }
     terminal.finish();
     lockstep.flush();
+    if let Some(log) = log {
+        end_log(log, &mut terminal);
+    }
     if let Some(e) = lockstep.write_error.take() {
         return Err(anyhow::Error::new(e).context("a log could not be written completely"));
     }

@@ -3,12 +3,20 @@
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
-use bridge::gcs::Document;
+use bridge::autopilot::door::{Severity, Snapshot};
+use bridge::autopilot::flight::Flight;
+use bridge::autopilot::ground::Ground;
+use bridge::gcs::disk::{DiskReply, Ticket};
+use bridge::gcs::{Document, LinkId};
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
+use bridge::io::firmware::Outside;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
+use bridge::io::uquad_lockstep::UquadLockstep;
+use bridge::web::{Console, Picture};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -51,11 +59,127 @@ const FIRMWARE_CATCH_UP: Duration = Duration::from_millis(10);
 /// Longest landing before the program ends anyway, virtual time.
 const LANDING: Duration = Duration::from_secs(30);
 
+/// Tells once when logging fails, and when it goes on.
+#[derive(Debug, Default)]
+pub(crate) struct LogWatch {
+    was_failing: bool,
+}
+
+impl LogWatch {
+    /// What the pilots should know, if anything changed.
+    pub(crate) fn news(&mut self, log: Option<&LogThread>) -> Option<&'static str> {
+        let is_failing = log.is_some_and(LogThread::is_failing);
+        let changed = is_failing != self.was_failing;
+        self.was_failing = is_failing;
+        changed.then_some(if is_failing {
+            "Disk full: this flight is not being logged"
+        } else {
+            "Logging again"
+        })
+    }
+}
+
+/// Ends a log and says if something is missing in it.
+pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
+    let status = log.status();
+    if !log.finish() {
+        terminal.line(&format!(
+            "  the flight log is not complete: {} records are missing",
+            status.lost()
+        ));
+    }
+}
+
+/// A simulated vehicle with its brain, whichever.
+pub(crate) trait World {
+    fn now(&self) -> Timestamp;
+    fn advance(&mut self, until: Timestamp);
+    fn snapshot(&self) -> &Snapshot;
+    fn ground(&self) -> &Ground;
+    fn ground_mut(&mut self) -> &mut Ground;
+    fn link_up(&mut self, link: LinkId);
+    fn link_down(&mut self, link: LinkId);
+    fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool);
+    fn disk(&mut self, ticket: Ticket, reply: &DiskReply);
+    fn shut_down(&mut self);
+    fn poll(&mut self) -> Option<Outgoing>;
+    fn flush(&mut self);
+    fn write_error(&mut self) -> Option<std::io::Error>;
+    /// The brain, if it is the one whose thoughts the console shows.
+    fn flight(&self) -> Option<&Flight> {
+        None
+    }
+    /// The real firmware, if it flies.
+    fn firmware(&mut self) -> Option<&mut Outside> {
+        None
+    }
+}
+
+/// Both worlds have methods of these names.
+macro_rules! world {
+    ($world:ty { $($more:item)* }) => {
+        impl World for $world {
+            fn now(&self) -> Timestamp {
+                <$world>::now(self)
+            }
+            fn advance(&mut self, until: Timestamp) {
+                <$world>::advance(self, until);
+            }
+            fn snapshot(&self) -> &Snapshot {
+                <$world>::snapshot(self)
+            }
+            fn ground(&self) -> &Ground {
+                &self.ground
+            }
+            fn ground_mut(&mut self) -> &mut Ground {
+                &mut self.ground
+            }
+            fn link_up(&mut self, link: LinkId) {
+                <$world>::link_up(self, link);
+            }
+            fn link_down(&mut self, link: LinkId) {
+                <$world>::link_down(self, link);
+            }
+            fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool) {
+                <$world>::receive(self, link, bytes, is_datagram);
+            }
+            fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
+                <$world>::disk(self, ticket, reply);
+            }
+            fn shut_down(&mut self) {
+                <$world>::shut_down(self);
+            }
+            fn poll(&mut self) -> Option<Outgoing> {
+                <$world>::poll(self)
+            }
+            fn flush(&mut self) {
+                <$world>::flush(self);
+            }
+            fn write_error(&mut self) -> Option<std::io::Error> {
+                self.write_error.take()
+            }
+            $($more)*
+        }
+    };
+}
+
+world!(Lockstep {
+    fn flight(&self) -> Option<&Flight> {
+        Some(&self.flight)
+    }
+    fn firmware(&mut self) -> Option<&mut Outside> {
+        Self::firmware(self)
+    }
+});
+world!(UquadLockstep {});
+
 /// Everything a running simulation needs.
-pub(crate) struct Session {
-    pub(crate) lockstep: Lockstep,
+pub(crate) struct Session<W> {
+    pub(crate) lockstep: W,
     pub(crate) links: Links,
+    pub(crate) console: Option<Console>,
     pub(crate) keep: Keep,
+    pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
     pub(crate) stop: Stop,
     /// Simulated seconds per second; none = as fast as it goes.
@@ -63,15 +187,18 @@ pub(crate) struct Session {
     pub(crate) shows_status: bool,
 }
 
-impl Session {
+impl<W: World> Session<W> {
     /// Runs until stopped.
     pub(crate) fn run(mut self) -> Result<ExitCode> {
         let clock = Clock::start(self.speed.unwrap_or(1.0));
         let mut known = BTreeSet::new();
         let mut status = Pace::hz(2.0 * self.speed.unwrap_or(1.0).recip().min(5.0));
         let mut texts_shown = Timestamp::ZERO;
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
+        let mut log_watch = LogWatch::default();
         let (slice, catch_up) = if self.lockstep.firmware().is_some() {
             (sim::STEP, FIRMWARE_CATCH_UP)
         } else {
@@ -100,7 +227,12 @@ impl Session {
             while let Some(news) = self.lockstep.firmware().and_then(|f| f.poll_news()) {
                 self.terminal.line(&format!("  {news}"));
             }
-            self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
+            if let Some(text) = log_watch.news(self.log.as_ref()) {
+                self.lockstep.ground_mut().say(now, Severity::Warning, text);
+            }
+            self.terminal
+                .texts(self.lockstep.ground(), &mut texts_shown);
+            self.show(&known);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(self.lockstep.snapshot(), known.len());
             }
@@ -131,13 +263,16 @@ impl Session {
         self.carry_out();
         self.lockstep.flush();
         self.terminal.finish();
-        if let Some(e) = self.lockstep.write_error.take() {
+        if let Some(log) = self.log.take() {
+            end_log(log, &mut self.terminal);
+        }
+        if let Some(e) = self.lockstep.write_error() {
             return Err(anyhow::Error::new(e).context("a log could not be written completely"));
         }
         Ok(ExitCode::SUCCESS)
     }
 
-    fn take_links(&mut self, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+    fn take_links(&mut self, known: &mut BTreeSet<LinkId>) {
         // Bounded: a flood waits in its queue, not in our loop.
         for _ in 0..256 {
             let Some(event) = self.links.poll() else {
@@ -147,7 +282,7 @@ impl Session {
         }
     }
 
-    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<LinkId>) {
         match event {
             LinkEvent::Up(link) => {
                 known.insert(link);
@@ -164,6 +299,29 @@ impl Session {
             } => self.lockstep.receive(link, &bytes, is_datagram),
         }
         self.carry_out();
+    }
+
+    /// Shows the vehicle to the console's pages.
+    fn show(&mut self, known: &BTreeSet<LinkId>) {
+        let Some(console) = &mut self.console else {
+            return;
+        };
+        while let Some(line) = console.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
+        if console.wants_picture() {
+            let mut picture = Picture {
+                snapshot: self.lockstep.snapshot().clone(),
+                control: self.lockstep.ground().control(),
+                links: known.len() as u32,
+                dropped: self.links.dropped(),
+                ..Picture::default()
+            };
+            if let Some(flight) = self.lockstep.flight() {
+                picture.insight.look(flight);
+            }
+            console.show(picture);
+        }
     }
 
     fn carry_out(&mut self) {

@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn only_one_plain_component_is_a_name() {
-        for good in ["0001.kfl", "plan-2_b.pgm", "A"] {
+        for good in ["0001.mcap", "plan-2_b.pgm", "A"] {
             assert!(is_plain_name(good), "{good}");
         }
         let long = "x".repeat(4096);

@@ -365,9 +365,9 @@ mod tests {
                 out: Outbox::default(),
                 now: Timestamp::ZERO,
                 disk: vec![
-                    ("0001.kfl", log(25_000)),
-                    ("0002.kfl", log(180)),
-                    ("0003.kfl", log(0)),
+                    ("0001.mcap", log(25_000)),
+                    ("0002.mcap", log(180)),
+                    ("0003.mcap", log(0)),
                 ],
                 got: Vec::new(),
                 entries: Vec::new(),

@@ -42,6 +42,8 @@ pub struct TextService {
     allowance: f64,
     refilled: Timestamp,
     suppressed: u64,
+    /// Texts told since the start, those forgotten too.
+    total: u64,
 }
 
 impl Default for TextService {
@@ -52,6 +54,7 @@ impl Default for TextService {
             allowance: f64::from(BURST),
             refilled: Timestamp::ZERO,
             suppressed: 0,
+            total: 0,
         }
     }
 }
@@ -82,6 +85,7 @@ impl TextService {
         if self.told.len() == KEPT {
             self.told.pop_front();
         }
+        self.total += 1;
         self.told.push_back(Told {
             at: now,
             severity,
@@ -93,6 +97,14 @@ impl TextService {
     /// The last texts, oldest first.
     pub fn told(&self) -> impl DoubleEndedIterator<Item = &Told> {
         self.told.iter()
+    }
+
+    /// Those told since `seen`, which moves on; more than are kept are skipped.
+    pub fn since(&self, seen: &mut u64) -> impl Iterator<Item = &Told> {
+        let fresh = self.total.saturating_sub(*seen);
+        *seen = self.total;
+        let skipped = self.told.len().saturating_sub(fresh as usize);
+        self.told.iter().skip(skipped)
     }
 
     /// Texts that were not sent: repeats, and more than pilots can read.

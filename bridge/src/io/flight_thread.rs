@@ -10,16 +10,21 @@
 use super::clock::Clock;
 use super::endpoint::Endpoint;
 use super::line::{Line, LineError};
+use super::logger::FlightTap;
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
 use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
 use crate::autopilot::flight::Flight;
+use crate::autopilot::insight::Insight;
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
+use crate::log::{Emitted, FlightRecord, Part};
+use crate::sensor::Sample;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -27,9 +32,13 @@ use std::time::Duration;
 use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
-const REQUESTS: usize = 256;
+pub(super) const REQUESTS: usize = 256;
+/// Samples of sensors that wait for the flight thread at most.
+const SAMPLES: usize = 512;
+/// Samples taken in a round at most.
+const SAMPLES_A_ROUND: usize = 64;
 /// Answers and events that wait for the ground at most.
-const NEWS: usize = 1024;
+pub(super) const NEWS: usize = 1024;
 /// Pause before a lost line is opened again.
 const REOPEN: Duration = Duration::from_millis(500);
 /// Bytes taken from the kernel at once.
@@ -52,6 +61,8 @@ pub enum News {
     LineAbsent(String),
     /// The line is open.
     LineOpened,
+    /// The recording that stood for a line is over.
+    RecordingOver,
 }
 
 /// The ground's end of the door.
@@ -61,7 +72,33 @@ pub struct FlightHandle {
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
+    insight: Arc<InsightCell>,
     borrower: Option<Borrower>,
+    inlet: Inlet,
+}
+
+/// Where sensors give their samples.
+#[derive(Clone, Debug)]
+pub struct Inlet {
+    samples: SyncSender<Sample>,
+    wake: Arc<OwnedFd>,
+    /// Its owner is the flight thread: when that is gone nobody wants samples.
+    alive: std::sync::Weak<()>,
+}
+
+impl Inlet {
+    /// Gives a sample; dropped if too many wait.
+    pub fn give(&self, sample: Sample) {
+        if self.samples.try_send(sample).is_ok() {
+            wake_up(&self.wake);
+        }
+    }
+
+    /// True when nobody takes samples any more.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.alive.strong_count() == 0
+    }
 }
 
 /// Who may have the line for a while: a configurator.
@@ -115,9 +152,39 @@ fn lending(wake: &Arc<OwnedFd>) -> (Lender, Borrower) {
 }
 
 impl FlightHandle {
+    /// Of a thread whose line nobody may borrow.
+    pub(super) fn without_line(
+        requests: SyncSender<Asked>,
+        wake: Arc<OwnedFd>,
+        news: Receiver<News>,
+        snapshot: Arc<Mutex<Snapshot>>,
+    ) -> Self {
+        let inlet_wake = Arc::clone(&wake);
+        Self {
+            requests,
+            wake,
+            news,
+            snapshot,
+            insight: Arc::default(),
+            borrower: None,
+            // Of a craft that takes no samples from elsewhere.
+            inlet: Inlet {
+                samples: sync_channel(1).0,
+                wake: inlet_wake,
+                alive: std::sync::Weak::new(),
+            },
+        }
+    }
+
     /// Who may have the line for a while; once.
     pub const fn take_borrower(&mut self) -> Option<Borrower> {
         self.borrower.take()
+    }
+
+    /// Where sensors give their samples.
+    #[must_use]
+    pub fn inlet(&self) -> Inlet {
+        self.inlet.clone()
     }
 
     /// Hands a request over; false if the ring is full.
@@ -134,6 +201,14 @@ impl FlightHandle {
         self.news.try_recv().ok()
     }
 
+    /// Copies the newest look into the vehicle's thoughts and asks for the next one.
+    pub fn read_insight(&self, into: &mut Insight) {
+        if let Ok(seen) = self.insight.seen.lock() {
+            into.copy_from(&seen);
+        }
+        self.insight.is_wanted.store(true, Ordering::Relaxed);
+    }
+
     /// Copies the newest snapshot.
     pub fn read_snapshot(&self, into: &mut Snapshot) {
         if let Ok(snapshot) = self.snapshot.lock() {
@@ -142,21 +217,29 @@ impl FlightHandle {
     }
 }
 
-/// Starts the thread. A line that is not there yet is waited for.
+/// Starts the thread. A line that is not there yet is waited for. What goes in and out is recorded through the tap, if there is one.
 ///
 /// # Errors
 /// [`LineError`]: no kind of line a flight controller is on, or the system has no threads left.
-pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightHandle, LineError> {
+pub fn start(
+    flight: Flight,
+    endpoint: Endpoint,
+    clock: Clock,
+    tap: Option<FlightTap>,
+) -> Result<FlightHandle, LineError> {
     if !matches!(endpoint, Endpoint::Serial { .. } | Endpoint::TcpClient(_)) {
         return Err(LineError::Kind(endpoint));
     }
     let failed = |e: rustix::io::Errno| LineError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
+    let (samples, sensed) = sync_channel(SAMPLES);
+    let alive = Arc::new(());
     let (tell, news) = sync_channel(NEWS);
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
     let snapshot = Arc::new(Mutex::new(flight.snapshot().clone()));
+    let insight = Arc::<InsightCell>::default();
     let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(LineError::Thread)?;
     let (want_line, lines) =
         line_thread(endpoint, tell.clone(), Arc::clone(&wake)).map_err(LineError::Thread)?;
@@ -168,7 +251,13 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
+        insight: Arc::clone(&insight),
         borrower: Some(borrower),
+        inlet: Inlet {
+            samples,
+            wake: Arc::clone(&wake),
+            alive: Arc::downgrade(&alive),
+        },
     };
     let shell = Shell {
         flight,
@@ -178,15 +267,20 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
         lines,
         lender,
         asked,
+        sensed,
+        _alive: alive,
         tell,
         jobs,
         done,
         wake,
         timer,
         cell: snapshot,
+        insight,
         kept,
         own: Histogram::default(),
         was_armed: false,
+        tap,
+        is_line_lost: false,
     };
     thread::Builder::new()
         .name("flight".to_owned())
@@ -195,7 +289,7 @@ pub fn start(flight: Flight, endpoint: Endpoint, clock: Clock) -> Result<FlightH
     Ok(handle)
 }
 
-fn wake_up(wake: &OwnedFd) {
+pub(super) fn wake_up(wake: &OwnedFd) {
     let _ = rustix::io::write(wake, &1u64.to_ne_bytes());
 }
 
@@ -332,6 +426,13 @@ fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
     Ok(())
 }
 
+/// A look into the flight's thoughts, taken only when somebody wants it.
+#[derive(Debug, Default)]
+struct InsightCell {
+    is_wanted: AtomicBool,
+    seen: Mutex<Insight>,
+}
+
 struct Shell {
     flight: Flight,
     clock: Clock,
@@ -340,16 +441,24 @@ struct Shell {
     lines: Receiver<Line>,
     lender: Lender,
     asked: Receiver<Asked>,
+    sensed: Receiver<Sample>,
+    /// Held by this thread as long as it runs.
+    _alive: Arc<()>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
     done: Receiver<estimator::SearchResult>,
     wake: Arc<OwnedFd>,
     timer: AbsoluteTimer,
     cell: Arc<Mutex<Snapshot>>,
+    insight: Arc<InsightCell>,
     kept: Arc<Kept>,
     /// From the stamp of a reply to the end of the write of the frame it caused.
     own: Histogram,
     was_armed: bool,
+    /// Into the flight log.
+    tap: Option<FlightTap>,
+    /// A write has failed: `Flight` is told once its outputs are carried out.
+    is_line_lost: bool,
 }
 
 impl Shell {
@@ -362,6 +471,12 @@ impl Shell {
             self.lend_line();
             self.take_line();
             self.read_line();
+            for _ in 0..SAMPLES_A_ROUND {
+                match self.sensed.try_recv() {
+                    Ok(sample) => self.handle(sample.into()),
+                    Err(_) => break,
+                }
+            }
             while let Ok(result) = self.done.try_recv() {
                 self.handle(Input::JobDone(result));
             }
@@ -382,13 +497,28 @@ impl Shell {
         let now = self.clock.now();
         let is_reply = matches!(input, Input::Fc(_));
         let rc_before = self.flight.rc_frames_sent();
+        let ticks = self.flight.snapshot().flight_loop.ticks;
+        if let Some(tap) = &mut self.tap {
+            let input = input.clone();
+            tap.put(FlightRecord::Input { at: now, input });
+        }
         self.flight.handle(now, input);
-        self.carry_out();
+        self.carry_out(now);
         if self.flight.rc_frames_sent() != rc_before {
             self.kept.refresh(now, self.flight.standby());
         }
         if is_reply && self.flight.rc_frames_sent() != rc_before {
             self.own.record(self.clock.now().since(now));
+        }
+        let snapshot = self.flight.snapshot();
+        if snapshot.flight_loop.ticks != ticks
+            && let Some(tap) = &mut self.tap
+        {
+            let digests = Part::digests(snapshot);
+            tap.put(FlightRecord::Tick { at: now, digests });
+        }
+        if core::mem::take(&mut self.is_line_lost) {
+            self.handle(Input::FcClosed);
         }
     }
 
@@ -451,11 +581,19 @@ impl Shell {
     }
 
     fn lose_line(&mut self) {
-        if self.line.take().is_some() {
+        if self.drop_line() {
+            self.handle(Input::FcClosed);
+        }
+    }
+
+    /// True if there was one.
+    fn drop_line(&mut self) -> bool {
+        let was_there = self.line.take().is_some();
+        if was_there {
             self.kept.set_line(None);
             let _ = self.want_line.try_send(());
-            self.flight.handle(self.clock.now(), Input::FcClosed);
         }
+        was_there
     }
 
     fn read_line(&mut self) {
@@ -478,14 +616,18 @@ impl Shell {
         }
     }
 
-    fn carry_out(&mut self) {
+    fn carry_out(&mut self, at: Timestamp) {
         while let Some(output) = self.flight.poll() {
+            if let Some(tap) = &mut self.tap {
+                let output = Emitted::from(&output);
+                tap.put(FlightRecord::Output { at, output });
+            }
             match output {
                 Output::Fc(bytes) => {
                     if let Some(line) = &mut self.line
                         && line.write(&bytes).is_err()
                     {
-                        self.lose_line();
+                        self.is_line_lost |= self.drop_line();
                     }
                 }
                 Output::Answer(answer) => drop(self.tell.try_send(News::Answer(answer))),
@@ -496,7 +638,7 @@ impl Shell {
         if let Some(line) = &mut self.line
             && line.flush().is_err()
         {
-            self.lose_line();
+            self.is_line_lost |= self.drop_line();
         }
     }
 
@@ -511,6 +653,12 @@ impl Shell {
         {
             cell.clone_from(snapshot);
             cell.flight_loop.reply_to_command = self.own.summary();
+        }
+        if self.insight.is_wanted.load(Ordering::Relaxed)
+            && let Ok(mut seen) = self.insight.seen.try_lock()
+        {
+            self.insight.is_wanted.store(false, Ordering::Relaxed);
+            seen.look(&self.flight);
         }
     }
 }

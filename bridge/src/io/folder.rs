@@ -13,7 +13,7 @@ use std::path::Path;
 /// Longest answer to a read.
 const MAX_READ: u32 = 1 << 17;
 
-/// Does a job in the folders below `base`. `writing` is the log that is being written and must stay.
+/// Does a job in the folders below `base`. `writing` is the run whose logs are being written and must stay.
 #[must_use]
 pub fn carry_out(base: Option<&Path>, writing: Option<&str>, job: &DiskJob) -> DiskReply {
     let Some(base) = base else {
@@ -63,7 +63,7 @@ fn try_to(base: &Path, writing: Option<&str>, job: &DiskJob) -> io::Result<DiskR
         DiskJob::Remove(name) => remove(base, Folder::Upload, name).map(|()| DiskReply::Done),
         DiskJob::EraseLogs => {
             for file in list(base, Folder::Logs)? {
-                if Some(file.name.as_str()) != writing {
+                if Some(super::logger::run_of(&file.name)) != writing {
                     remove(base, Folder::Logs, &file.name)?;
                 }
             }
@@ -140,7 +140,7 @@ mod tests {
     fn files_are_written_read_listed_and_removed_and_links_lead_nowhere() {
         let base = std::env::temp_dir().join(format!("kestrel-folder-{}", std::process::id()));
         fs::create_dir_all(&base).unwrap();
-        let act = |job: DiskJob| carry_out(Some(&base), Some("0002.kfl"), &job);
+        let act = |job: DiskJob| carry_out(Some(&base), Some("0002"), &job);
         let read = |folder, name: &str| {
             act(DiskJob::Read {
                 folder,
@@ -189,11 +189,12 @@ mod tests {
 
         fs::remove_file(base.join("logs")).unwrap();
         fs::create_dir(base.join("logs")).unwrap();
-        for name in ["0001.kfl", "0002.kfl"] {
+        for name in ["0001.mcap", "0002.mcap", "0002-2.tlog"] {
             fs::write(base.join("logs").join(name), "x").unwrap();
         }
         assert_eq!(act(DiskJob::EraseLogs), DiskReply::Done);
-        assert!(!base.join("logs/0001.kfl").exists() && base.join("logs/0002.kfl").exists());
+        assert!(!base.join("logs/0001.mcap").exists());
+        assert!(base.join("logs/0002.mcap").exists() && base.join("logs/0002-2.tlog").exists());
         fs::remove_dir_all(&base).unwrap();
         assert_eq!(
             carry_out(None, None, &DiskJob::EraseLogs),

@@ -1,7 +1,7 @@
 //! Documents on disk (parameters, plans), written so that a power cut leaves the old or the new one, never a torn one.
 
 use crate::gcs::Document;
-use crate::gcs::disk::{DiskJob, DiskReply, Folder, is_plain_name};
+use crate::gcs::disk::{DiskJob, DiskReply, Folder};
 use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -10,14 +10,9 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug)]
 pub struct Keep {
     folder: Option<PathBuf>,
-    /// The flight log that is being written.
-    log: Option<String>,
+    /// Number of the run whose logs are being written.
+    run: Option<String>,
 }
-
-/// Flight logs kept; older ones make room.
-const MAX_LOGS: usize = 20;
-/// Ending of flight logs.
-const LOG_ENDING: &str = ".kfl";
 
 impl Keep {
     /// Documents are kept in a folder (made if it is not there), or forgotten.
@@ -30,7 +25,7 @@ impl Keep {
         }
         Ok(Self {
             folder: folder.map(Path::to_owned),
-            log: None,
+            run: None,
         })
     }
 
@@ -72,38 +67,22 @@ impl Keep {
     /// Does a job for the ground side ([`super::folder`]).
     #[must_use]
     pub fn carry_out(&self, job: &DiskJob) -> DiskReply {
-        super::folder::carry_out(self.folder.as_deref(), self.log.as_deref(), job)
+        super::folder::carry_out(self.folder.as_deref(), self.run.as_deref(), job)
     }
 
-    /// Path of a fresh flight log, numbered on from the last one; the oldest make room. None without a folder.
+    /// Folder and number of a fresh run's flight logs, numbered on from the last one. None without a folder.
     ///
     /// # Errors
     /// The disk says no.
-    pub fn fresh_log(&mut self) -> io::Result<Option<PathBuf>> {
+    pub fn fresh_run(&mut self) -> io::Result<Option<(PathBuf, String)>> {
         let Some(folder) = &self.folder else {
             return Ok(None);
         };
         let folder = folder.join(Folder::Logs.name());
         fs::create_dir_all(&folder)?;
-        let mut numbers = Vec::new();
-        for entry in fs::read_dir(&folder)? {
-            let name = entry?.file_name();
-            let number = name
-                .to_str()
-                .filter(|n| is_plain_name(n))
-                .and_then(|n| n.strip_suffix(LOG_ENDING))
-                .and_then(|n| n.parse::<u32>().ok());
-            numbers.extend(number);
-        }
-        numbers.sort_unstable();
-        let name = |number: u32| format!("{number:04}{LOG_ENDING}");
-        for old in numbers.iter().rev().skip(MAX_LOGS - 1) {
-            fs::remove_file(folder.join(name(*old)))?;
-        }
-        let fresh = name(numbers.last().map_or(1, |last| last.saturating_add(1)));
-        let path = folder.join(&fresh);
-        self.log = Some(fresh);
-        Ok(Some(path))
+        let run = super::logger::fresh_stem(&folder)?;
+        self.run = Some(run.clone());
+        Ok(Some((folder, run)))
     }
 }
 
@@ -112,24 +91,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn logs_are_numbered_on_and_the_oldest_make_room() {
+    fn runs_are_numbered_on_and_what_they_write_is_not_erased() {
         let folder = std::env::temp_dir().join(format!("kestrel-logs-{}", std::process::id()));
         let mut keep = Keep::in_folder(Some(&folder)).unwrap();
-        for i in 1..=25 {
-            let path = keep.fresh_log().unwrap().unwrap();
-            assert!(path.ends_with(format!("logs/{i:04}.kfl")), "{path:?}");
-            fs::write(path, "x").unwrap();
+        for i in 1..=3 {
+            let (logs, run) = keep.fresh_run().unwrap().unwrap();
+            assert_eq!(run, format!("{i:04}"));
+            fs::write(logs.join(format!("{run}.mcap")), "x").unwrap();
+            fs::write(logs.join(format!("{run}-2.tlog")), "x").unwrap();
         }
+        assert_eq!(keep.carry_out(&DiskJob::EraseLogs), DiskReply::Done);
         let DiskReply::Files(files) = keep.carry_out(&DiskJob::List(Folder::Logs)) else {
             panic!("no list")
         };
         let names: Vec<_> = files.iter().map(|f| f.name.as_str()).collect();
-        assert_eq!(
-            (names.len(), names[0], names[19]),
-            (20, "0006.kfl", "0025.kfl")
-        );
+        assert_eq!(names, ["0003-2.tlog", "0003.mcap"]);
         fs::remove_dir_all(&folder).unwrap();
-        assert_eq!(Keep::in_folder(None).unwrap().fresh_log().unwrap(), None);
+        assert_eq!(Keep::in_folder(None).unwrap().fresh_run().unwrap(), None);
     }
 
     #[test]

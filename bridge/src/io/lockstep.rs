@@ -4,15 +4,16 @@
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
 use super::firmware::Outside;
-use super::record::{Record, Recorder};
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Event, Notice, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
 use crate::gcs::{Document, LinkId};
+use crate::log::record::LogSink;
+use crate::log::{Emitted, FlightRecord, GroundRecord, Header, Part};
 use crate::settings::Settings;
 use estimator::SearchRequest;
 use mavlink_dialect::{Address, FrameBytes};
@@ -38,6 +39,33 @@ pub struct LockstepConfig {
     pub settings: Settings,
     /// Stored mission and the like, read before start.
     pub documents: Vec<Document>,
+}
+
+impl LockstepConfig {
+    /// What `Flight` is made from.
+    ///
+    /// # Errors
+    /// There is no vehicle.
+    pub fn flight(&self) -> Result<FlightConfig, SimError> {
+        let vehicle = self.sim.vehicles.first().ok_or(SimError::NoVehicle)?;
+        Ok(FlightConfig {
+            plan: std::sync::Arc::clone(self.sim.room.floor_plan()),
+            ring: vehicle.ring.clone(),
+            airframe: self.sim.airframe,
+            start: self.start,
+            settings: self.settings.clone(),
+            seed: self.sim.seed,
+        })
+    }
+
+    /// Head of the log of this flight; `source` says what flew.
+    ///
+    /// # Errors
+    /// There is no vehicle.
+    pub fn header(&self, source: &str) -> Result<Header, SimError> {
+        let boot = super::clock::VIRTUAL_BOOT_UTC_US;
+        Ok(Header::new(Timestamp::ZERO, &self.flight()?, source, boot))
+    }
 }
 
 /// What leaves the lockstep.
@@ -69,7 +97,8 @@ pub struct Lockstep {
     outgoing: VecDeque<Outgoing>,
     truth: Option<TruthFile>,
     truth_pace: Pace,
-    recorder: Option<Recorder>,
+    log: Option<Box<dyn LogSink>>,
+    texts_logged: u64,
     kept: Option<Vec<(Timestamp, Input)>>,
     /// The real firmware instead of the fake controller.
     firmware: Option<Outside>,
@@ -88,42 +117,38 @@ impl Lockstep {
     /// # Errors
     /// [`SimError`]: the vehicle would start in a wall, a ring is wrong ...
     pub fn new(config: LockstepConfig) -> Result<Self, SimError> {
+        Self::with_log(config, None)
+    }
+
+    /// [`Self::new`], with everything recorded from the first input on.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_log(
+        config: LockstepConfig,
+        log: Option<Box<dyn LogSink>>,
+    ) -> Result<Self, SimError> {
+        let now = Timestamp::ZERO;
+        let flight_config = config.flight()?;
         let LockstepConfig {
             sim,
-            start,
             settings,
             documents,
+            ..
         } = config;
-        let now = Timestamp::ZERO;
-        let plan = std::sync::Arc::clone(sim.room.floor_plan());
-        let ring = sim
-            .vehicles
-            .first()
-            .ok_or(SimError::NoVehicle)?
-            .ring
-            .clone();
-        let (airframe, seed) = (sim.airframe, sim.seed);
+        let plan = std::sync::Arc::clone(&flight_config.plan);
+        let airframe = sim.airframe;
         let simulator = Simulator::new(sim)?;
         let ground = Ground::new(GroundConfig {
             us: our_address(&settings),
-            settings: settings.clone(),
+            settings,
             anchor: plan.anchor(),
-            plan: std::sync::Arc::clone(&plan),
+            plan,
             airframe,
             boot_utc_us: super::clock::VIRTUAL_BOOT_UTC_US,
             documents,
         });
-        let flight = Flight::new(
-            now,
-            FlightConfig {
-                plan,
-                ring,
-                airframe,
-                start,
-                settings,
-                seed,
-            },
-        );
+        let flight = Flight::new(now, flight_config);
         let mut this = Self {
             simulator,
             flight,
@@ -134,7 +159,8 @@ impl Lockstep {
             outgoing: VecDeque::new(),
             truth: None,
             truth_pace: Pace::hz(TRUTH_HZ),
-            recorder: None,
+            log,
+            texts_logged: 0,
             kept: None,
             firmware: None,
             ticks_seen: 0,
@@ -151,11 +177,6 @@ impl Lockstep {
     /// Writes truth beside estimate from now on.
     pub fn write_truth(&mut self, file: TruthFile) {
         self.truth = Some(file);
-    }
-
-    /// Writes every input of `Flight` from now on.
-    pub fn write_record(&mut self, recorder: Recorder) {
-        self.recorder = Some(recorder);
     }
 
     /// Keeps every input of `Flight` in memory from now on, for whoever wants to fly it again.
@@ -205,6 +226,14 @@ impl Lockstep {
 
     /// Bytes of a link.
     pub fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool) {
+        if let Some(log) = &mut self.log {
+            log.ground(GroundRecord::Received {
+                at: self.now,
+                link,
+                bytes: bytes.to_vec(),
+                is_datagram,
+            });
+        }
         self.ground.receive(self.now, link, bytes, is_datagram);
         self.drain_ground();
     }
@@ -217,10 +246,15 @@ impl Lockstep {
 
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
+        self.ask(Request::ShutDown);
+    }
+
+    /// A request of this program itself; its answer goes to nobody.
+    pub fn ask(&mut self, request: Request) {
         let asked = Asked {
             id: RequestId(0),
             station: Station::default(),
-            request: Request::ShutDown,
+            request,
         };
         self.feed(Input::Asked(asked));
     }
@@ -300,6 +334,10 @@ impl Lockstep {
             self.ticks_seen = ticks;
             self.keeper.refresh(now, self.flight.standby());
             self.ground.snapshot(now, self.flight.snapshot());
+            if let Some(log) = &mut self.log {
+                let snapshot = Box::new(self.flight.snapshot().clone());
+                log.ground(GroundRecord::Snapshot(snapshot));
+            }
         }
         if self.ground.deadline() <= now {
             self.ground.tick(now);
@@ -319,39 +357,62 @@ impl Lockstep {
             self.inputs.push_back(input);
             return;
         }
-        self.log(&Record::Input(&input));
+        let at = self.now;
+        self.log(|| FlightRecord::Input {
+            at,
+            input: input.clone(),
+        });
+        let ticks = self.flight.snapshot().flight_loop.ticks;
         if let Some(kept) = &mut self.kept {
             kept.push((self.now, input.clone()));
         }
         self.flight.handle(self.now, input);
         while let Some(output) = self.flight.poll() {
+            self.log(|| FlightRecord::Output {
+                at,
+                output: Emitted::from(&output),
+            });
             match output {
                 Output::Fc(bytes) => match &mut self.firmware {
                     Some(firmware) => firmware.write(&bytes),
                     None => self.simulator.write_fc(0, &bytes),
                 },
                 Output::Answer(answer) => self.ground.answer(self.now, &answer),
-                Output::Event(event) => {
-                    if let Event::Notice(Notice::FlightTiming {
-                        sample_to_command,
-                        missed,
-                    }) = event
-                    {
-                        self.log(&Record::Timing {
-                            sample_to_command,
-                            missed,
-                        });
-                    }
-                    self.ground.event(self.now, &event);
-                }
+                Output::Event(event) => self.ground.event(self.now, &event),
                 Output::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),
             }
         }
+        if self.log.is_some() && self.flight.snapshot().flight_loop.ticks != ticks {
+            let digests = Part::digests(self.flight.snapshot());
+            self.log(|| FlightRecord::Tick { at, digests });
+        }
     }
 
-    fn log(&mut self, record: &Record<'_>) {
-        if let Some(recorder) = &mut self.recorder {
-            keep_first(&mut self.write_error, recorder.write(self.now, record));
+    fn log(&mut self, record: impl FnOnce() -> FlightRecord) {
+        if let Some(log) = &mut self.log {
+            log.flight(record());
+        }
+    }
+
+    fn log_ground(&mut self, link: LinkId, frame: &FrameBytes) {
+        if let Some(log) = &mut self.log {
+            log.ground(GroundRecord::Sent {
+                at: self.now,
+                link,
+                frame: frame.clone(),
+            });
+        }
+    }
+
+    /// What was told to the pilots since the last time.
+    fn log_texts(&mut self) {
+        let Some(log) = &mut self.log else { return };
+        for told in self.ground.texts_since(&mut self.texts_logged) {
+            log.ground(GroundRecord::Text {
+                at: told.at,
+                severity: told.severity,
+                text: told.text.clone(),
+            });
         }
     }
 
@@ -359,7 +420,8 @@ impl Lockstep {
         while let Some(output) = self.ground.poll() {
             match output {
                 GroundOutput::Send { link, bytes } => {
-                    self.outgoing.push_back(Outgoing::Frame(link, bytes))
+                    self.log_ground(link, &bytes);
+                    self.outgoing.push_back(Outgoing::Frame(link, bytes));
                 }
                 GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
@@ -368,15 +430,13 @@ impl Lockstep {
                 }
             }
         }
+        self.log_texts();
     }
 
     /// Writes what is buffered.
     pub fn flush(&mut self) {
         if let Some(truth) = &mut self.truth {
             keep_first(&mut self.write_error, truth.flush());
-        }
-        if let Some(recorder) = &mut self.recorder {
-            keep_first(&mut self.write_error, recorder.flush());
         }
     }
 }
@@ -406,5 +466,7 @@ fn push_inputs(inputs: &mut VecDeque<Input>, output: SimOutput) {
         SimOutput::Ranger(reading) => inputs.push_back(Input::Ranger(reading)),
         SimOutput::DownRange(sample) => inputs.push_back(Input::DownRange(sample)),
         SimOutput::Flow(sample) => inputs.push_back(Input::Flow(sample)),
+        // Lines of devices: whoever simulates those reads them with their drivers.
+        SimOutput::Laser { .. } => {}
     }
 }

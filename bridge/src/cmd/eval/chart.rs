@@ -14,15 +14,15 @@ const COLOURS: [&str; 6] = [
 ];
 
 /// One panel.
-pub(super) struct Panel<'a> {
+pub(crate) struct Panel<'a> {
     /// Title with unit.
-    pub(super) title: &'a str,
+    pub(crate) title: &'a str,
     /// Names and values, one value for each time.
-    pub(super) lines: Vec<(&'a str, Vec<f64>)>,
+    pub(crate) lines: Vec<(&'a str, Vec<f64>)>,
 }
 
 /// The picture; `x` is the common abscissa, named `x_title`.
-pub(super) fn svg(title: &str, x_title: &str, x: &[f64], panels: &[Panel<'_>]) -> String {
+pub(crate) fn svg(title: &str, x_title: &str, x: &[f64], panels: &[Panel<'_>]) -> String {
     let height = HEAD + panels.len() as f64 * (PANEL + GAP) + 24.0;
     let mut out = String::new();
     // Writing to a String cannot fail.
@@ -136,7 +136,8 @@ impl Panel<'_> {
     }
 }
 
-fn escape(text: &str) -> String {
+/// As text of XML.
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

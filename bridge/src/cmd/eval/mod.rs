@@ -2,7 +2,7 @@
 
 mod attitude;
 mod avoid;
-mod chart;
+pub(crate) mod chart;
 mod mcl;
 mod progress;
 mod uquad;
@@ -37,4 +37,10 @@ pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
         What::Mcl(args) => mcl::run(&args),
         What::Uquad(args) => uquad::run(&args),
     }
+}
+
+/// Frames of a recorded log of uQuad's inertial unit, and the rows that are none.
+pub(crate) fn uquad_frames(text: &str) -> (Vec<estimator::imu::RawFrame>, Vec<String>) {
+    let (rows, refused) = uquad::read_rows(text);
+    (rows.iter().map(|row| row.frame).collect(), refused)
 }

@@ -63,8 +63,8 @@ mod tests {
         assert_eq!(parse(b"/logs"), Some(Path::Folder(Folder::Logs)));
         assert_eq!(parse(b"upload/"), Some(Path::Folder(Folder::Upload)));
         assert_eq!(
-            parse(b"/logs/0001.kfl\0\0"),
-            Some(Path::File(Folder::Logs, "0001.kfl".to_owned()))
+            parse(b"/logs/0001.mcap\0\0"),
+            Some(Path::File(Folder::Logs, "0001.mcap".to_owned()))
         );
         assert!(
             matches!(parse(b"general.json.xz"), Some(Path::Metadata(f)) if f.name == "general.json.xz")

@@ -27,7 +27,7 @@ impl Rig {
             seq: 0,
         };
         let log = (0..40_000usize).map(|i| (i / 3) as u8).collect();
-        rig.disk.insert((0, "0001.kfl".to_owned()), log);
+        rig.disk.insert((0, "0001.mcap".to_owned()), log);
         rig
     }
 
@@ -188,19 +188,19 @@ fn metadata_and_logs_are_read_and_their_checksums_match() {
         let crc = rig.ask(op::CALC_CRC, 0, 0, path.as_bytes());
         assert_eq!(crc.data().unwrap(), crc32(0, &file.bytes).to_le_bytes());
     }
-    let log = rig.disk[&(0, "0001.kfl".to_owned())].clone();
-    assert_eq!(rig.read_file(b"/logs/0001.kfl"), log);
-    let crc = rig.ask(op::CALC_CRC, 0, 0, b"/logs/0001.kfl");
+    let log = rig.disk[&(0, "0001.mcap".to_owned())].clone();
+    assert_eq!(rig.read_file(b"/logs/0001.mcap"), log);
+    let crc = rig.ask(op::CALC_CRC, 0, 0, b"/logs/0001.mcap");
     assert_eq!(crc.data().unwrap(), crc32(0, &log).to_le_bytes());
     rig.bench.snapshot.is_armed = true;
-    assert_eq!(rig.refusal(op::OPEN_READ, 0, 0, b"/logs/0001.kfl"), 9);
+    assert_eq!(rig.refusal(op::OPEN_READ, 0, 0, b"/logs/0001.mcap"), 9);
 }
 
 #[test]
 fn a_burst_brings_the_rest_of_the_file_in_order_and_says_where_it_ends() {
     let mut rig = Rig::new();
-    let log = rig.disk[&(0, "0001.kfl".to_owned())].clone();
-    let open = rig.ask(op::OPEN_READ, 0, 0, b"/logs/0001.kfl");
+    let log = rig.disk[&(0, "0001.mcap".to_owned())].clone();
+    let open = rig.ask(op::OPEN_READ, 0, 0, b"/logs/0001.mcap");
     let request = rig.request(op::BURST_READ, open.session, 1_000, &[0; 200]);
     rig.got.clear();
     rig.send(255, &request);
@@ -279,7 +279,7 @@ fn nothing_outside_the_upload_folder_is_written() {
     let mut rig = Rig::new();
     let before = rig.disk.clone();
     for path in [
-        &b"/logs/0001.kfl"[..],
+        &b"/logs/0001.mcap"[..],
         b"/general.json",
         b"/etc/passwd",
         b"/upload/../mission.json",
@@ -291,7 +291,7 @@ fn nothing_outside_the_upload_folder_is_written() {
             assert_eq!(rig.refusal(opcode, 0, 0, path), 9, "{path:?}");
         }
     }
-    let log = rig.ask(op::OPEN_READ, 0, 0, b"/logs/0001.kfl");
+    let log = rig.ask(op::OPEN_READ, 0, 0, b"/logs/0001.mcap");
     assert_eq!(rig.refusal(op::WRITE, log.session, 0, b"x"), 9);
     assert_eq!(rig.disk, before);
     for i in 0..MAX_UPLOADS {
@@ -342,7 +342,7 @@ fn sizes_beyond_the_payload_unknown_opcodes_and_a_silent_disk_are_refused() {
     assert_eq!(rig.refusal(77, 0, 0, &[]), 7);
     assert_eq!(rig.refusal(13, 0, 0, b"/a"), 7);
     assert_eq!(rig.refusal(op::OPEN_READ, 0, 0, b"@PARAM/param.pck"), 10);
-    let request = rig.request(op::OPEN_READ, 0, 0, b"/logs/0001.kfl");
+    let request = rig.request(op::OPEN_READ, 0, 0, b"/logs/0001.mcap");
     rig.got.clear();
     let message = MavMessage::FILE_TRANSFER_PROTOCOL(FILE_TRANSFER_PROTOCOL_DATA {
         target_network: 0,
@@ -365,7 +365,7 @@ proptest! {
     fn no_sequence_of_requests_panics_grows_or_reaches_past_the_folders(
         script in proptest::collection::vec((0u8..2, 0u8..18, 0u8..10, any::<u32>(), 0usize..8, any::<u8>(), 0u64..40), 0..60)
     ) {
-        let paths: [&[u8]; 8] = [b"/", b"/upload/a", b"/upload/../x", b"/logs/0001.kfl", b"/general.json", b"/upload/b\0c", b"/logs", b"\xFF\xFE"];
+        let paths: [&[u8]; 8] = [b"/", b"/upload/a", b"/upload/../x", b"/logs/0001.mcap", b"/general.json", b"/upload/b\0c", b"/logs", b"\xFF\xFE"];
         let mut rig = Rig::new();
         for (sender, opcode, session, offset, path, size, ms) in script {
             let mut request = rig.request(opcode, session, offset % 50_000, paths[path]);
@@ -378,6 +378,6 @@ proptest! {
         }
         let size: usize = rig.disk.values().map(Vec::len).sum();
         prop_assert!(size < 200_000, "{size}");
-        prop_assert!(rig.disk.keys().all(|(f, name)| *f == 1 || name == "0001.kfl"));
+        prop_assert!(rig.disk.keys().all(|(f, name)| *f == 1 || name == "0001.mcap"));
     }
 }

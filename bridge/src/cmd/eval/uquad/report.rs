@@ -3,7 +3,9 @@
 use super::super::chart::{self, Panel};
 use super::{Outcome, UquadArgs};
 use anyhow::{Context as _, Result};
+use bridge::log::uquad::UquadLog;
 use bridge::uquad::Step;
+use estimator::imu::replay::LogRow;
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -156,6 +158,11 @@ fn picture(title: &str, steps: &[Step]) -> String {
     chart::svg(title, "s since the filter started", &times, &panels)
 }
 
+/// `--logs` names what is written; without it everything is.
+fn is_wanted(args: &UquadArgs, name: &str) -> bool {
+    args.logs.is_empty() || name == "summary.json" || args.logs.iter().any(|log| log.file() == name)
+}
+
 pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
     let steps = &outcome.steps;
     let mode = if args.legacy {
@@ -187,6 +194,7 @@ pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
         "last_state": steps.last().map(|s| s.state),
         "last_motors": steps.last().map(|s| s.speeds_radps),
     });
+    // What is not asked for is not written; the summary is.
     let files = [
         ("kalman_in.csv", csv(&CONVERTED, steps, converted)),
         ("x_hat.csv", csv(&STATE, steps, estimated)),
@@ -194,9 +202,47 @@ pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
         ("uquad.svg", picture(&format!("uQuad chain, {mode}"), steps)),
         ("summary.json", format!("{summary:#}\n")),
     ];
-    for (name, text) in files {
+    for (name, text) in files.into_iter().filter(|(name, _)| is_wanted(args, name)) {
         let path = args.out.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
+}
+
+/// The streams as a flight log, which opens with the matrices of gain and calibration.
+pub(super) fn log(args: &UquadArgs, rows: &[LogRow], outcome: &Outcome) -> Result<Vec<u8>> {
+    let mut facts = vec![
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("legacy", args.legacy.to_string()),
+        ("calibration", super::read(&args.calib, "calibration")?),
+    ];
+    for (name, path) in [("gains", &args.gains), ("integral", &args.integral)] {
+        if let Some(path) = path {
+            facts.push((name, super::read(path, name)?));
+        }
+    }
+    let mut log = UquadLog::new(&facts)?;
+    let time = |row: &LogRow| (row.host_us / 1_000_000, row.host_us % 1_000_000);
+    for row in rows {
+        let f = &row.frame;
+        let mut values = vec![f64::from(f.since_previous_us)];
+        values.extend(
+            f.accel
+                .iter()
+                .chain(&f.gyro)
+                .chain(&f.mag)
+                .map(|v| f64::from(*v)),
+        );
+        values.extend([f64::from(f.temperature_ddeg), f64::from(f.pressure_pa)]);
+        log.row(0, time(row), &values);
+    }
+    for step in &outcome.steps {
+        let Some(row) = rows.get(step.frame as usize) else {
+            continue;
+        };
+        log.row(1, time(row), &converted(step));
+        log.row(2, time(row), &step.state);
+        log.row(3, time(row), &step.speeds_radps);
+    }
+    Ok(log.finish())
 }

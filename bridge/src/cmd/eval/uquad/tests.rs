@@ -112,7 +112,7 @@ fn bad_rows_are_counted_with_their_reason_and_the_rest_is_used() {
     lines[220] = lines[220].replace("\t-7\t", "\tNaN\t");
     lines[230] = lines[229].clone();
     lines[240] = lines[100].clone();
-    let (frames, refused) = read_frames(&lines.join("\n"));
+    let (frames, refused) = read_rows(&lines.join("\n"));
     assert_eq!(frames.len(), 296);
     assert_eq!(
         refused,
@@ -136,6 +136,94 @@ fn bad_rows_are_counted_with_their_reason_and_the_rest_is_used() {
 #[test]
 fn a_log_of_text_frames_is_read_too() {
     let line = "A\t10000\t12\t-11\t205\t-22\t-31\t-14\t-94\t129\t7\t250\t101202\tZ\r\n";
-    let (frames, refused) = read_frames(&line.repeat(3));
+    let (frames, refused) = read_rows(&line.repeat(3));
     assert_eq!((frames.len(), refused.len()), (3, 0));
+}
+
+#[test]
+fn streams_in_a_flight_log_come_back_as_text_and_give_the_same_run_to_the_bit() {
+    let folder = table("log");
+    let log = folder.join("run.mcap");
+    let words = ["--calibration-frames", "100", "--log"];
+    let more: Vec<&str> = words.into_iter().chain(log.to_str()).collect();
+    run(&args(&folder, &more).unwrap()).unwrap();
+    let results = |out: &Path| {
+        ["kalman_in.csv", "x_hat.csv", "w.csv"].map(|name| std::fs::read(out.join(name)).unwrap())
+    };
+    let first = results(&folder.join("out"));
+    let raw = std::fs::read_to_string(folder.join("raw.log")).unwrap();
+
+    let file = crate::cmd::log::read(&log).unwrap();
+    assert!(file.metadata["uquad"]["calibration"].starts_with("0.04 0 0"));
+    let back: String = file
+        .values("/uquad/imu_raw")
+        .map(|(_, row)| bridge::log::uquad::line("imu_raw", &row).unwrap())
+        .collect();
+    assert_eq!(back, raw);
+    std::fs::write(folder.join("raw.log"), back).unwrap();
+    std::fs::remove_dir_all(folder.join("out")).unwrap();
+    run(&args(&folder, &words[..2]).unwrap()).unwrap();
+    assert!(results(&folder.join("out")) == first, "another run");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn fixes_hold_the_horizontal_position_and_eight_states_refuse_them() {
+    let folder = table("gps");
+    let last = |more: &[&str]| {
+        let words = [&["--calibration-frames", "100", "--logs", "x_hat"], more].concat();
+        assert_eq!(
+            run(&args(&folder, &words).unwrap()).unwrap(),
+            ExitCode::SUCCESS
+        );
+        let out = folder.join("out");
+        assert!(out.join("x_hat.csv").exists() && out.join("summary.json").exists());
+        assert!(!out.join("w.csv").exists() && !out.join("uquad.svg").exists());
+        let text = std::fs::read_to_string(out.join("x_hat.csv")).unwrap();
+        let row = text.lines().last().unwrap().to_owned();
+        std::fs::remove_dir_all(&out).unwrap();
+        row
+    };
+    let without = last(&[]);
+    assert_ne!(without, last(&["--gps", "random"]));
+    let log = folder.join("gps.log");
+    std::fs::write(
+        &log,
+        "0 3 1 2 0 0 0 0 -34.9 -56.1 0 0 0 0\n0.2 3 1 2 0 0 0 0 -34.9 -56.1 0 0 0 0\n",
+    )
+    .unwrap();
+    assert_ne!(without, last(&["--gps", &log.display().to_string()]));
+    assert_ne!(without, last(&["--inertia", "0.03,0.05"]));
+    assert_ne!(without, last(&["--frames-per-action", "5"]));
+    let both = error(&folder, &["--gps", "zeros", "--states", "8"]);
+    assert!(
+        both.contains("--gps zeros and --states 8") && both.contains("estimate 12"),
+        "{both}"
+    );
+    let never = error(
+        &folder,
+        &["--calibration-frames", "100", "--frames-per-action", "0"],
+    );
+    assert!(never.contains("acts every step"), "{never}");
+    assert!(
+        error(
+            &folder,
+            &["--calibration-frames", "100", "--inertia", "0,1"]
+        )
+        .contains("0-10 kg m2")
+    );
+    std::fs::write(&log, "0 3\n").unwrap();
+    assert!(
+        error(
+            &folder,
+            &[
+                "--calibration-frames",
+                "100",
+                "--gps",
+                &log.display().to_string()
+            ]
+        )
+        .contains("line 1")
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
 }
