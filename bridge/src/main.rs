@@ -50,6 +50,8 @@ enum Command {
     Eval(cmd::eval::EvalArgs),
     /// Look at flight logs: what they hold, pictures, tables.
     Log(cmd::log::LogArgs),
+    /// Fly a campaign of faults in simulated rooms, judged by the truth.
+    Experiment(cmd::experiment::ExperimentArgs),
     /// Fly a recorded flight again, compare, or with other parameters.
     Replay(cmd::replay::ReplayArgs),
 }
@@ -71,6 +73,7 @@ fn main() -> ExitCode {
         Command::Rooms(args) => cmd::rooms::run(&args),
         Command::Eval(args) => cmd::eval::run(args),
         Command::Log(args) => cmd::log::run(args),
+        Command::Experiment(args) => cmd::experiment::run(&args),
         Command::Replay(args) => cmd::replay::run(args),
     };
     match result {

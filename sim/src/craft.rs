@@ -9,9 +9,11 @@ use crate::sensor::{
 };
 use crate::simulator::{Fault, SimOutput};
 use crate::world::World;
+use arrayvec::ArrayVec;
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use vehicle::sample::MAX_COLUMNS;
 use vehicle::{Airframe, In, MapAnchor, MapPose, Timestamp};
 
 /// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
@@ -27,6 +29,8 @@ pub(crate) struct Craft {
     down: Option<DownRanger>,
     flow: Option<FlowCamera>,
     faults: Vec<Fault>,
+    /// What each ranger said last.
+    stuck: Vec<Option<ArrayVec<Option<u16>, MAX_COLUMNS>>>,
     /// By time of delivery.
     in_transit: VecDeque<(Timestamp, SimOutput)>,
 }
@@ -62,6 +66,7 @@ impl Craft {
             down: config.down_range.then(|| DownRanger::new(seed, index)),
             flow: config.flow.then(|| FlowCamera::new(seed, index)),
             faults: Vec::new(),
+            stuck: vec![None; config.ring.rangers.len()],
             in_transit: VecDeque::with_capacity(IN_TRANSIT),
             quad,
         }
@@ -69,7 +74,12 @@ impl Craft {
 
     /// One millisecond of flight.
     pub(crate) fn fly(&mut self, now: Timestamp, shared: &Shared<'_>) {
-        let motors = self.fc.step(now, &self.quad);
+        let mut motors = self.fc.step(now, &self.quad);
+        for (i, motor) in motors.iter_mut().enumerate() {
+            if self.faults.contains(&Fault::MotorDead(i as u8)) {
+                *motor = 0.0;
+            }
+        }
         let bump = self.quad.step(motors);
         let Shared {
             world,
@@ -101,7 +111,8 @@ impl Craft {
             self.post(now, FLOW_LATENCY, SimOutput::Flow(sample));
         }
         while let Some(burst) = self.fc.deliver(now) {
-            if !self.faults.contains(&Fault::FcSilent) {
+            let is_noise = self.faults.contains(&Fault::FcNoisy) && now.us() / 1_000 % 120 >= 15;
+            if !self.faults.contains(&Fault::FcSilent) && !is_noise {
                 let (at, bytes) = (burst.at, burst.bytes);
                 out(shared.index, SimOutput::FcBytes { at, bytes });
             }
@@ -124,7 +135,12 @@ impl Craft {
             let view = view.get_or_insert_with(|| {
                 View::new(shared.world, shared.index, &self.quad, shared.anchor)
             });
-            let (reading, latency) = self.rangers[i].fire(now, view);
+            let (mut reading, latency) = self.rangers[i].fire(now, view);
+            let stuck = self.faults.contains(&Fault::RangerStuck(i as u8));
+            match &mut self.stuck[i] {
+                Some(columns) if stuck => reading.columns_mm.clone_from(columns),
+                last => *last = Some(reading.columns_mm.clone()),
+            }
             let output = SimOutput::Ranger(reading);
             post(&mut self.in_transit, now + latency, output);
         }

@@ -218,6 +218,21 @@ impl Step {
     }
 }
 
+/// How the computer is, as the shell finds it; once a second, and when something changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct HostReport {
+    /// Its hottest sensor, degrees Celsius.
+    pub temperature_c: Option<f64>,
+    /// It runs slower than it could, for heat or for want of voltage.
+    pub is_throttled: bool,
+    /// Flights are not being logged: the disk is full or broken.
+    pub disk_fails: bool,
+    /// The wall clock jumped by more than a second lately.
+    pub clock_jumped: bool,
+    /// Ground side, web or video are behind with their work.
+    pub is_overloaded: bool,
+}
+
 /// What became of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
@@ -427,6 +442,21 @@ impl Because {
             Self::FcSilent => "flight controller silent",
             Self::LoopHeld => "flight loop held up",
             Self::PilotTookOver => "pilot took over",
+            Self::Toppled => "toppled over",
+            Self::Tilted => "tilted too far",
+            Self::Inconsistent => "estimate inconsistent",
+            Self::PlaceJumps => "place jumps",
+            Self::RangersStuck => "range finder stuck",
+            Self::BatteryCritical => "battery critical",
+            Self::BatterySags => "battery sags",
+            Self::NoProgress => "no progress",
+            Self::LoopOverrun => "flight loop too slow",
+            Self::FcSlow => "flight controller too slow",
+            Self::Hot => "computer too hot",
+            Self::Throttled => "computer throttled",
+            Self::DiskFails => "disk full, not logged",
+            Self::ClockJumped => "wall clock jumped",
+            Self::Overloaded => "ground side overloaded",
         }
     }
 }
@@ -577,6 +607,8 @@ pub enum Notice {
     },
     /// A failsafe's cause is gone.
     FailsafeCleared(Because),
+    /// A row of the table that only tells.
+    Trouble(Because),
     /// A request was refused.
     Refused(Refusal),
     /// The plan is done.
@@ -638,6 +670,7 @@ impl Notice {
             | Self::FcRestarted
             | Self::PilotOffers => Severity::Warning,
             Self::FcStalled => Severity::Error,
+            Self::Trouble(_) => Severity::Warning,
             Self::FcSlow { .. } => Severity::Notice,
             _ => Severity::Info,
         }
@@ -682,6 +715,7 @@ impl fmt::Display for Notice {
                 write!(f, "Failsafe: {}: {}", because.words(), mode.name())
             }
             Self::FailsafeCleared(because) => write!(f, "Failsafe cleared: {}", because.words()),
+            Self::Trouble(because) => write!(f, "Warning: {}", because.words()),
             Self::Refused(why) => write!(f, "Refused: {why}"),
             Self::MissionFinished => write!(f, "Mission finished"),
             Self::ItemRefused { seq, why } => write!(f, "Mission item {seq}: {why}"),

@@ -15,13 +15,15 @@ use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
 use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::failsafes::{FC_SILENT_S, Facts, TABLE};
 use super::handover::Handover;
 use super::health;
 use super::io::{FcBytes, Input, Output};
 use super::latency::Histogram;
-use super::mode::Because;
+use super::mode::{Because, Mode};
 use super::modes::{Air, Cockpit};
-use super::supervisor::{FC_SILENT_S, Facts, Supervisor, Verdict};
+use super::supervisor::{Supervisor, Verdict};
+use super::watch::{Look, Watch};
 use crate::fc::convert::Convert;
 use crate::fc::{poll, stock_curves};
 use crate::sensor::ring::{Measured, Ring};
@@ -30,6 +32,7 @@ use arrayvec::ArrayVec;
 use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
 use estimator::Estimator;
+use estimator::kalman::Aid;
 use msp::client::Client;
 use msp::firmware::Firmware;
 use planner::mission::Mission;
@@ -86,6 +89,7 @@ pub struct Flight {
     controller: Controller,
     arbiter: Arbiter,
     supervisor: Supervisor,
+    watch: Watch,
     arming: Arming,
     fc_arm: FcArmState,
     link: controller::Link,
@@ -168,6 +172,7 @@ impl Flight {
             controller,
             arbiter,
             supervisor: Supervisor::default(),
+            watch: Watch::default(),
             arming: Arming::Neutral,
             fc_arm: FcArmState::default(),
             link: controller::Link::default(),
@@ -216,6 +221,7 @@ impl Flight {
             Input::Asked(asked) => self.asked(now, &asked),
             Input::JobDone(result) => self.estimator.search_done(&result),
             Input::FcClosed => self.lose_controller(false),
+            Input::Host(report) => self.watch.host = report,
             Input::Wake => {}
         }
         self.listen(now);
@@ -292,6 +298,7 @@ impl Flight {
         self.confirm_arming(now);
 
         // Arbitrate and plan.
+        self.keep_watch(now, dt_s, &nav);
         self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
         if self.handover.pilot_steers() {
             self.arbiter.carried();
@@ -420,29 +427,12 @@ impl Flight {
         {
             self.disarm(now);
         }
-        let since =
-            |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
-        let mode = self.arbiter.mode().mode;
-        let facts = Facts {
-            mode,
-            is_flying: self.air == Air::Flying,
-            is_armed: self.arming.is_armed(),
-            has_attitude_and_height: nav.health.attitude && nav.health.height,
-            not_localized_s: since(self.localized_at),
-            search_s: self.arbiter.search_s(),
-            rangers_silent_s: since(self.ring.horizontal_at()),
-            ground_silent_s: self.ground_heard.map(|at| now.since(at).as_secs_f64()),
-            offboard_silent_s: self.arbiter.offboard_silent_s(now),
-            manual_silent_s: self.arbiter.manual_silent_s(now),
-            battery: self.snapshot.battery.and_then(|b| b.remaining),
-            fc_silent_s: self.fc_silent_s(now),
-            loop_gap_s,
-            params: &self.settings.autopilot,
-        };
-        let mut verdicts = ArrayVec::<Verdict, 16>::new();
-        self.supervisor.watch(&facts, |v| {
+        let mut supervisor = core::mem::take(&mut self.supervisor);
+        let mut verdicts = ArrayVec::<Verdict, { 2 * TABLE.len() }>::new();
+        supervisor.watch(&self.facts(now, loop_gap_s, nav), |v| {
             let _ = verdicts.try_push(v);
         });
+        self.supervisor = supervisor;
         for verdict in verdicts {
             match verdict {
                 Verdict::Act(because, mode) => {
@@ -455,10 +445,83 @@ impl Flight {
                     self.emit(Output::Event(Event::Notice(notice)));
                     self.with_cockpit(now, 0.0, nav, |arbiter, c| arbiter.enter(c, mode, because));
                 }
+                Verdict::Stop(because) => {
+                    let mode = self.arbiter.mode().mode;
+                    let notice = Notice::Failsafe { because, mode };
+                    self.emit(Output::Event(Event::Notice(notice)));
+                    // The reason stays to be read when the motors are long still.
+                    self.with_cockpit(now, 0.0, nav, |arbiter, c| {
+                        arbiter.enter(c, Mode::Land, because)
+                    });
+                    self.disarm(now);
+                }
+                Verdict::Tell(because) => {
+                    self.emit(Output::Event(Event::Notice(Notice::Trouble(because))));
+                }
                 Verdict::Clear(because) => self.emit(Output::Event(Event::Notice(
                     Notice::FailsafeCleared(because),
                 ))),
             }
+        }
+    }
+
+    fn keep_watch(&mut self, now: Timestamp, dt_s: f64, nav: &NavState) {
+        let filter = self.estimator.navigation();
+        let refused_s = [Aid::Roll, Aid::Pitch]
+            .map(|aid| {
+                let used = filter.status(aid).accepted_at;
+                used.map_or(0.0, |at| now.since(at).as_secs_f64())
+            })
+            .into_iter()
+            .fold(0.0, f64::max);
+        let is_online = self.fc.is_connected && self.client.is_online();
+        self.watch.look(&Look {
+            now,
+            dt_s,
+            nav,
+            is_flying: self.air == Air::Flying,
+            tilt_refused_s: refused_s,
+            setpoint: self.snapshot.setpoint,
+            battery: self.snapshot.battery,
+            fc_rate_hz: is_online.then_some(self.fc.service_rate_hz),
+            beats: (
+                self.snapshot.flight_loop.ticks,
+                self.snapshot.flight_loop.missed,
+            ),
+            params: &self.settings.autopilot,
+        });
+    }
+
+    /// What the rows of the table look at.
+    fn facts(&self, now: Timestamp, loop_gap_s: f64, nav: &NavState) -> Facts<'_> {
+        let since =
+            |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
+        let watch = &self.watch;
+        Facts {
+            mode: self.arbiter.mode().mode,
+            is_flying: self.air == Air::Flying,
+            is_armed: self.arming.is_armed(),
+            has_attitude_and_height: nav.health.attitude && nav.health.height,
+            not_localized_s: since(self.localized_at),
+            search_s: self.arbiter.search_s(),
+            rangers_silent_s: since(self.ring.horizontal_at()),
+            ground_silent_s: self.ground_heard.map(|at| now.since(at).as_secs_f64()),
+            offboard_silent_s: self.arbiter.offboard_silent_s(now),
+            manual_silent_s: self.arbiter.manual_silent_s(now),
+            battery: self.snapshot.battery.and_then(|b| b.remaining),
+            fc_silent_s: self.fc_silent_s(now),
+            loop_gap_s,
+            toppled_s: watch.toppled_s,
+            tilted_s: watch.tilted_s,
+            inconsistent_s: watch.inconsistent_s,
+            jumps: watch.jumps(),
+            stuck_s: watch.stuck_s(now, nav.position),
+            sag_s: watch.sag_s,
+            no_progress_s: watch.no_progress_s,
+            missed_share: watch.missed_share,
+            fc_slow_s: watch.slow_s,
+            host: watch.host,
+            params: &self.settings.autopilot,
         }
     }
 
@@ -501,6 +564,7 @@ impl Flight {
     // ---- sensors of the companion computer ---------------------------------------------------------------------
 
     fn range(&mut self, reading: &vehicle::RangerReading) {
+        self.watch.ranger(reading, self.estimator.state().position);
         let mut measured = ArrayVec::<Measured, 2>::new();
         self.ring.read(reading, |m| {
             let _ = measured.try_push(m);
@@ -593,7 +657,7 @@ impl Flight {
         let blocked = if self.arming.is_armed() {
             None
         } else {
-            health::first_failure(&self.checks())
+            health::first_failure(&self.checks(now))
         };
         let s = &mut self.snapshot;
         s.at = now;

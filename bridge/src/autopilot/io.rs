@@ -1,6 +1,6 @@
 //! What goes into `Flight` and what comes out: values only. A flight is its log of inputs.
 
-use super::door::{Answer, Asked, Event};
+use super::door::{Answer, Asked, Event, HostReport};
 use arrayvec::ArrayVec;
 use estimator::{SearchRequest, SearchResult};
 use serde::{Deserialize, Serialize};
@@ -31,6 +31,8 @@ pub enum Input {
     Wake,
     /// The line to the flight controller is gone.
     FcClosed,
+    /// The computer tells how it is.
+    Host(HostReport),
 }
 
 /// What `Flight` wants done.

@@ -2,6 +2,7 @@
 
 pub(crate) mod demo;
 pub(crate) mod eval;
+pub(crate) mod experiment;
 pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;

@@ -3,7 +3,7 @@
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
-use bridge::autopilot::door::Severity;
+use bridge::autopilot::door::HostReport;
 use bridge::gcs::Document;
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
@@ -53,26 +53,6 @@ const FIRMWARE_CATCH_UP: Duration = Duration::from_millis(10);
 /// Longest landing before the program ends anyway, virtual time.
 const LANDING: Duration = Duration::from_secs(30);
 
-/// Tells once when logging fails, and when it goes on.
-#[derive(Debug, Default)]
-pub(crate) struct LogWatch {
-    was_failing: bool,
-}
-
-impl LogWatch {
-    /// What the pilots should know, if anything changed.
-    pub(crate) fn news(&mut self, log: Option<&LogThread>) -> Option<&'static str> {
-        let is_failing = log.is_some_and(LogThread::is_failing);
-        let changed = is_failing != self.was_failing;
-        self.was_failing = is_failing;
-        changed.then_some(if is_failing {
-            "Disk full: this flight is not being logged"
-        } else {
-            "Logging again"
-        })
-    }
-}
-
 /// Ends a log and says if something is missing in it.
 pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
     let status = log.status();
@@ -106,7 +86,7 @@ impl Session {
         let mut texts_shown = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
-        let mut log_watch = LogWatch::default();
+        let mut was_failing = false;
         let (slice, catch_up) = if self.lockstep.firmware().is_some() {
             (sim::STEP, FIRMWARE_CATCH_UP)
         } else {
@@ -135,8 +115,13 @@ impl Session {
             while let Some(news) = self.lockstep.firmware().and_then(|f| f.poll_news()) {
                 self.terminal.line(&format!("  {news}"));
             }
-            if let Some(text) = log_watch.news(self.log.as_ref()) {
-                self.lockstep.ground.say(now, Severity::Warning, text);
+            let disk_fails = self.log.as_ref().is_some_and(LogThread::is_failing);
+            if disk_fails != was_failing {
+                was_failing = disk_fails;
+                self.lockstep.host(HostReport {
+                    disk_fails,
+                    ..HostReport::default()
+                });
             }
             self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
             if self.shows_status && status.is_due(now) {

@@ -13,7 +13,7 @@ use super::line::{Line, LineError};
 use super::logger::FlightTap;
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
-use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
+use crate::autopilot::door::{Answer, Asked, Event, HostReport, Snapshot};
 use crate::autopilot::flight::Flight;
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
@@ -60,6 +60,7 @@ pub enum News {
 #[derive(Debug)]
 pub struct FlightHandle {
     requests: SyncSender<Asked>,
+    host: SyncSender<HostReport>,
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
@@ -130,6 +131,12 @@ impl FlightHandle {
         taken
     }
 
+    /// Tells how the computer is; the next report makes up for one that is lost.
+    pub fn tell_host(&self, report: HostReport) {
+        let _ = self.host.try_send(report);
+        wake_up(&self.wake);
+    }
+
     /// The next news, without waiting.
     #[must_use]
     pub fn poll(&self) -> Option<News> {
@@ -160,6 +167,7 @@ pub fn start(
     let failed = |e: rustix::io::Errno| LineError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
     let (tell, news) = sync_channel(NEWS);
+    let (host, reports) = sync_channel(4);
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
@@ -172,6 +180,7 @@ pub fn start(
     let (lender, borrower) = lending(&wake);
     let handle = FlightHandle {
         requests,
+        host,
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
@@ -185,6 +194,7 @@ pub fn start(
         lines,
         lender,
         asked,
+        reports,
         tell,
         jobs,
         done,
@@ -349,6 +359,7 @@ struct Shell {
     lines: Receiver<Line>,
     lender: Lender,
     asked: Receiver<Asked>,
+    reports: Receiver<HostReport>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
     done: Receiver<estimator::SearchResult>,
@@ -377,6 +388,9 @@ impl Shell {
             self.read_line();
             while let Ok(result) = self.done.try_recv() {
                 self.handle(Input::JobDone(result));
+            }
+            if let Ok(report) = self.reports.try_recv() {
+                self.handle(Input::Host(report));
             }
             for _ in 0..REQUESTS_A_ROUND {
                 match self.asked.try_recv() {

@@ -5,7 +5,7 @@
 
 use super::firmware::Outside;
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
@@ -242,6 +242,11 @@ impl Lockstep {
     pub fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
         self.ground.disk(self.now, ticket, reply);
         self.drain_ground();
+    }
+
+    /// How the computer is, for tests of failsafes.
+    pub fn host(&mut self, report: HostReport) {
+        self.feed(Input::Host(report));
     }
 
     /// Asks the vehicle to come down and end.

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`endpoint`] | endpoint URLs: `udpserver://host:port`, `serial:///dev/ttyAMA0?baudrate=115200` ... |
 //! | [`net`] | MAVLink links on a thread of their own; bytes in, bytes out, bounded queues |
+//! | [`host`] | how the computer is: heat, clock, log |
 //! | [`lockstep`] | simulator, `Flight` and `Ground` stepped in one thread: real, scaled or virtual time |
 //! | [`firmware`] | Betaflight's simulator build as a child process in place of the fake controller |
 //! | [`bench_line`] | a controller on the bench, one question at a time: `kestrel fc` |
@@ -24,6 +25,7 @@ pub mod endpoint;
 pub mod firmware;
 pub mod flight_thread;
 pub mod folder;
+pub mod host;
 pub mod keep;
 pub mod line;
 pub mod lockstep;

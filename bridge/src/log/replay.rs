@@ -103,6 +103,10 @@ pub struct Replay {
 }
 
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a few at a time, for as long as a tick"
+)]
 enum Produced {
     Output(Emitted),
     Tick([u64; Part::ALL.len()]),
@@ -236,13 +240,10 @@ impl Replay {
         }
         self.report.ticks += 1;
         // Once something differed, ticks are still counted: how far apart two flights are is worth knowing.
-        let now = match self.produced.pop_back() {
-            Some(Produced::Tick(now)) => now,
-            _ => {
-                self.report.differing_ticks += 1;
-                self.differs(at, "a tick", "one".to_owned(), "none".to_owned());
-                return;
-            }
+        let Some(Produced::Tick(now)) = self.produced.pop_back() else {
+            self.report.differing_ticks += 1;
+            self.differs(at, "a tick", "one".to_owned(), "none".to_owned());
+            return;
         };
         if let Some(Produced::Output(extra)) = self.produced.front() {
             let extra = format!("{extra:?}");
