@@ -222,7 +222,7 @@ impl Script {
 
     fn stream(&mut self) {
         // Towards the place and back, as a pilot would who sees where it is.
-        let there = (self.world.now().s() / 6.0) as u64 % 2 == 0;
+        let there = ((self.world.now().s() / 6.0) as u64).is_multiple_of(2);
         let sign = if there { 1.0 } else { -1.0 };
         let [north, east] = self.place;
         let length = north.hypot(east).max(0.1);

@@ -157,7 +157,7 @@ impl Judge {
             .any(|f| matches!(f, Fault::FcSilent | Fault::FcNoisy));
         if let Some(how) = self.flyaway.filter(|_| case.fault != Fault::MotorDead) {
             troubles.push(Trouble::Flyaway(how));
-        } else if !is_down && !(is_blind && self.is_on_floor()) {
+        } else if !(is_down || is_blind && self.is_on_floor()) {
             troubles.push(Trouble::Flyaway("not down in time"));
         }
         let rows: Vec<&Because> = case.faults().flat_map(|f| f.facts().rows).collect();
