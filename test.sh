@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Runs every test: format, lints, unit and property tests, flights in virtual time, documentation, and the real MAVLink
-# clients against the release binary. Installs what it needs (a Python environment in .venv) and says so.
+# Runs every test: format, lints, unit and property tests, flights in virtual time, documentation, the real MAVLink clients against the
+# release binary, and the console in Chromium. Installs what it needs (a Python environment in .venv, Chromium) and says so.
 # Ends with one line: N passed, N failed, N skipped. Exit code 0 only if nothing failed.
 #
 #   ./test.sh            everything
-#   ./test.sh --quick    without the Python clients
+#   ./test.sh --quick    without the Python clients and the browser
 #   KESTREL_FULL=1 ./test.sh    the long campaigns too (20 seeds everywhere)
 #   KESTREL_DATA=DIR     where the recordings are (default ../shared/data); tests that need them are skipped without
 set -uo pipefail
@@ -97,6 +97,29 @@ if [ $quick -eq 0 ]; then
         passed=$((passed + ${p:-0})) failed=$((failed + ${f:-1})) skipped=$((skipped + ${s:-0}))
     else
         echo "FAILED  the Python environment could not be made"; failed=$((failed + 1))
+    fi
+fi
+
+if [ $quick -eq 0 ]; then
+    say "console in a browser"
+    chromium=$(command -v chromium || command -v chromium-browser || true)
+    if { [ -z "$chromium" ] || ! command -v npm >/dev/null; } && command -v apt-get >/dev/null; then
+        echo "chromium or npm is missing: installing it"
+        sudo=""; [ "$(id -u)" -eq 0 ] || sudo="sudo -n"
+        $sudo apt-get update -qq && DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq chromium npm >/dev/null
+        chromium=$(command -v chromium || true)
+    fi
+    if [ -n "$chromium" ] && command -v npm >/dev/null && [ ! -e target/browser/node_modules/playwright-core ]; then
+        echo "installing playwright-core (npm, no browser of its own) in target/browser"
+        mkdir -p target/browser && npm install --silent --no-audit --no-fund --prefix target/browser playwright-core@1.65.1 >/dev/null 2>&1
+    fi
+    if [ -n "$chromium" ] && [ -e target/browser/node_modules/playwright-core ]; then
+        browser_log="$log_dir/browser.log"
+        CHROMIUM="$chromium" KESTREL_BIN="$PWD/target/release/kestrel" node tests/browser/console.mjs 2>&1 | tee "$browser_log"
+        read -r p f s < <(sed -nE 's/^([0-9]+) passed, ([0-9]+) failed, ([0-9]+) skipped$/\1 \2 \3/p' "$browser_log" | tail -n 1)
+        passed=$((passed + ${p:-0})) failed=$((failed + ${f:-1})) skipped=$((skipped + ${s:-0}))
+    else
+        echo "SKIPPED console in a browser: no chromium, npm or playwright-core could be installed"; skipped=$((skipped + 1))
     fi
 fi
 

@@ -22,7 +22,6 @@
 )]
 
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
-use bridge::autopilot::latency::Histogram;
 use bridge::io::clock::{Clock, monotonic_ns};
 use bridge::io::flight_thread::{self, News};
 use bridge::io::realtime::Realtime;
@@ -85,11 +84,29 @@ fn read(path: &str) -> String {
         .to_owned()
 }
 
-fn row(name: &str, h: &Histogram) {
-    let s = h.summary();
+/// Every duration, ns: exact quantiles, where the flight thread's own histogram rounds up to an eighth.
+#[derive(Default)]
+struct Samples(Vec<u64>);
+
+impl Samples {
+    fn record(&mut self, took: Duration) {
+        self.0.push(took.as_nanos() as u64);
+    }
+
+    /// The duration that a share of all does not exceed, us.
+    fn quantile_us(&self, share: f64) -> f64 {
+        let mut sorted = self.0.clone();
+        sorted.sort_unstable();
+        let at = (share * sorted.len() as f64).ceil() as usize;
+        sorted.get(at.max(1) - 1).copied().unwrap_or(0) as f64 * 1e-3
+    }
+}
+
+fn row(name: &str, taken: &Samples) {
+    let [p50, p99, p999, max] = [0.5, 0.99, 0.999, 1.0].map(|share| taken.quantile_us(share));
     println!(
-        "  {name:<44} {:>7} {:>8} {:>8} {:>8} {:>8}",
-        s.count, s.p50_us, s.p99_us, s.p999_us, s.max_us
+        "  {name:<44} {:>7} {p50:>8.1} {p99:>8.1} {p999:>8.1} {max:>8.1}",
+        taken.0.len()
     );
 }
 
@@ -163,7 +180,7 @@ fn share(seconds: u64) {
         row("host: gaps in the spinning controller", &controller.gaps);
         println!(
             "  attitudes answered by a frame of their own: {} of {}",
-            controller.own.summary().count,
+            controller.own.0.len(),
             controller.attitudes
         );
     }
@@ -210,9 +227,9 @@ struct Controller {
     wire_free_ns: u64,
     attitude: Option<(u64, u64)>,
     attitudes: u64,
-    own: Histogram,
-    chain: Histogram,
-    gaps: Histogram,
+    own: Samples,
+    chain: Samples,
+    gaps: Samples,
     last_ns: u64,
     was_spinning: bool,
 }
@@ -231,9 +248,9 @@ impl Controller {
             wire_free_ns: 0,
             attitude: None,
             attitudes: 0,
-            own: Histogram::default(),
-            chain: Histogram::default(),
-            gaps: Histogram::default(),
+            own: Samples::default(),
+            chain: Samples::default(),
+            gaps: Samples::default(),
             last_ns: monotonic_ns(),
             was_spinning: false,
         }
@@ -241,7 +258,7 @@ impl Controller {
 
     #[allow(clippy::disallowed_methods, reason = "a bench waits in real time")]
     /// Sends 40 attitudes a second and takes the time until 22 bytes have come.
-    fn drive_echo(mut self, seconds: u64) -> Histogram {
+    fn drive_echo(mut self, seconds: u64) -> Samples {
         // The other end makes the terminal raw when it opens it.
         std::thread::sleep(Duration::from_millis(200));
         let end_ns = monotonic_ns() + seconds * 1_000_000_000;
@@ -467,7 +484,7 @@ fn jitter(seconds: u64) {
                 [
                     (
                         "flight thread: absolute timer in poll",
-                        ours as fn(u64, u64) -> Histogram,
+                        ours as fn(u64, u64) -> Samples,
                     ),
                     ("tokio interval, current thread", tokio_interval),
                     ("std::thread::sleep", plain_sleep),
@@ -476,18 +493,18 @@ fn jitter(seconds: u64) {
                 .map(|(name, thread)| (name, thread.join().unwrap()))
             });
             for (name, h) in rows {
-                let missed = (hz * seconds).saturating_sub(h.summary().count);
+                let missed = (hz * seconds).saturating_sub(h.0.len() as u64);
                 row(&format!("{name} ({missed} missed)"), &h);
             }
         }
     }
 }
 
-fn ours(hz: u64, seconds: u64) -> Histogram {
+fn ours(hz: u64, seconds: u64) -> Samples {
     let _ = Realtime::enter();
     let clock = Clock::start(1.0);
     let mut timer = AbsoluteTimer::new().unwrap();
-    let mut h = Histogram::default();
+    let mut h = Samples::default();
     let period_us = 1_000_000 / hz;
     let mut next_us = period_us;
     while next_us <= seconds * 1_000_000 {
@@ -502,7 +519,7 @@ fn ours(hz: u64, seconds: u64) -> Histogram {
     h
 }
 
-fn tokio_interval(hz: u64, seconds: u64) -> Histogram {
+fn tokio_interval(hz: u64, seconds: u64) -> Samples {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()
         .build()
@@ -512,7 +529,7 @@ fn tokio_interval(hz: u64, seconds: u64) -> Histogram {
         let mut interval = tokio::time::interval(period);
         interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
         let start = tokio::time::Instant::now();
-        let mut h = Histogram::default();
+        let mut h = Samples::default();
         interval.tick().await;
         while start.elapsed() < Duration::from_secs(seconds) {
             let at = interval.tick().await;
@@ -523,8 +540,8 @@ fn tokio_interval(hz: u64, seconds: u64) -> Histogram {
 }
 
 #[allow(clippy::disallowed_methods, reason = "the plain way, for comparison")]
-fn plain_sleep(hz: u64, seconds: u64) -> Histogram {
-    let mut h = Histogram::default();
+fn plain_sleep(hz: u64, seconds: u64) -> Samples {
+    let mut h = Samples::default();
     let clock = Clock::start(1.0);
     let period_us = 1_000_000 / hz;
     let mut next_us = period_us;

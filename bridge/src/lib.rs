@@ -13,6 +13,7 @@
 //! | [`station`] | a small ground station: what `demo` and the tests fly with |
 //! | [`uquad`] | uQuad's loop: frames of its inertial unit to motor speeds |
 //! | [`io`] | the shell: threads, sockets, serial ports, clocks |
+//! | [`web`] | the operator's console: one page, one WebSocket, accounts |
 
 pub mod autopilot;
 pub mod experiment;
@@ -25,3 +26,4 @@ pub mod sensor;
 pub mod settings;
 pub mod station;
 pub mod uquad;
+pub mod web;

@@ -29,6 +29,10 @@ enum Command {
     Demo(cmd::demo::DemoArgs),
     /// Fly the real thing.
     Fly(cmd::fly::FlyArgs),
+    /// A simulated vehicle without a brain: fly it with `kestrel fly` as the real thing.
+    Rehearse(cmd::rehearse::RehearseArgs),
+    /// Check this computer and the flight controller, and say what to do.
+    Doctor(cmd::doctor::DoctorArgs),
     /// Look at a flight controller on the bench, make it fit to fly by MSP.
     Fc(cmd::fc::FcArgs),
     /// Turn the motors of a craft without flight controller by hand, on the bench.
@@ -40,12 +44,22 @@ enum Command {
     Motors(cmd::motors::MotorsArgs),
     /// Look into the protocol of flight controllers.
     Msp(cmd::msp::MspArgs),
+    /// Talk to a vehicle over MAVLink: status, parameters, missions, keys, logs.
+    Mav(cmd::mav::MavArgs),
     /// Make and show keys of signed MAVLink links.
     Keys(cmd::keys::KeysArgs),
+    /// Make, change and list users of the console.
+    Passwd(cmd::passwd::PasswdArgs),
+    /// Show, check and import floor plans.
+    Map(cmd::map::MapArgs),
+    /// Make a patrol from a floor plan: a QGroundControl plan file and a picture.
+    Plan(cmd::plan::PlanArgs),
     /// List every parameter.
     Params(cmd::params::ParamsArgs),
     /// List the bundled rooms, or write one as a floor plan.
     Rooms(cmd::rooms::RoomsArgs),
+    /// Fly a relay test in the simulator and propose gains.
+    Tune(cmd::tune::TuneArgs),
     /// Run an estimator on a recorded log.
     Eval(cmd::eval::EvalArgs),
     /// Look at flight logs: what they hold, pictures, tables.
@@ -65,12 +79,19 @@ fn main() -> ExitCode {
         Command::Sim(args) => cmd::sim::run(args),
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
+        Command::Rehearse(args) => cmd::rehearse::run(&args),
+        Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Fc(args) => cmd::fc::run(args),
         Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),
+        Command::Mav(args) => cmd::mav::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
+        Command::Passwd(args) => cmd::passwd::run(&args),
+        Command::Map(args) => cmd::map::run(args),
+        Command::Plan(args) => cmd::plan::run(&args),
         Command::Params(args) => cmd::params::run(&args),
         Command::Rooms(args) => cmd::rooms::run(&args),
+        Command::Tune(args) => cmd::tune::run(&args),
         Command::Eval(args) => cmd::eval::run(args),
         Command::Log(args) => cmd::log::run(args),
         Command::Experiment(args) => cmd::experiment::run(&args),

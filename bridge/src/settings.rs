@@ -175,6 +175,23 @@ impl Settings {
         self.rows().find(|r| r.meta.id == id).map(|r| r.index)
     }
 
+    /// Value and range of a number by its MAVLink name.
+    #[must_use]
+    pub fn number(&self, id: &str) -> Option<(f64, core::ops::RangeInclusive<f64>)> {
+        let row = self.rows().find(|r| r.meta.id == id)?;
+        match (row.value, row.meta.kind) {
+            (ParamValue::Float(v), ParamKind::Float { min, max, .. }) => {
+                // By its decimals: 1.3 as a 32-bit number is no 1.3.
+                let decimal = |v: f32| v.to_string().parse().unwrap_or(f64::from(v));
+                Some((decimal(v), decimal(min)..=decimal(max)))
+            }
+            (ParamValue::Int(v), ParamKind::Int { min, max, .. }) => {
+                Some((f64::from(v), f64::from(min)..=f64::from(max)))
+            }
+            _ => None,
+        }
+    }
+
     /// Sets by flat index, checked; returns the value in the parameter's own type.
     ///
     /// # Errors
@@ -263,6 +280,10 @@ impl Settings {
             .map_err(|e: toml::de::Error| SettingsError::Toml(e.to_string()))?;
         let mut next = self.clone();
         for (section, table) in &document {
+            // Sensors are things, not parameters: `kestrel fly` reads them (docs/sensors.md).
+            if section == "sensor" && table.is_array() {
+                continue;
+            }
             let toml::Value::Table(table) = table else {
                 return Err(SettingsError::Toml(format!(
                     "`{section}` must be a table like [planner]"

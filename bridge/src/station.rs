@@ -43,6 +43,10 @@ pub struct Heard {
     pub is_mission_complete: bool,
     /// STATUSTEXTs, in order.
     pub texts: Vec<String>,
+    /// BATTERY_STATUS.time_remaining, s; 0 unknown.
+    pub battery_left_s: i32,
+    /// FENCE_STATUS: outside (1) or not, and how often; none before one came.
+    pub fence: Option<(u8, u16)>,
 }
 
 /// How an asked-for thing ended.
@@ -64,6 +68,8 @@ pub struct GroundStation {
     heard: Heard,
     heartbeat: Pace,
     command: Option<(raw::COMMAND_LONG_DATA, Timestamp)>,
+    /// Sent in another form than COMMAND_LONG, not repeated.
+    expected: Option<u16>,
     upload: Option<(Vec<raw::MISSION_ITEM_INT_DATA>, Timestamp, bool)>,
     is_silent: bool,
 }
@@ -86,6 +92,7 @@ impl GroundStation {
             heard: Heard::default(),
             heartbeat: Pace::hz(1.0),
             command: None,
+            expected: None,
             upload: None,
             is_silent: false,
         }
@@ -142,6 +149,11 @@ impl GroundStation {
         self.command = Some((data, now));
     }
 
+    /// Waits for the answer to a command that was sent as it is, by [`Self::send`].
+    pub const fn expect(&mut self, command: u16) {
+        self.expected = Some(command);
+    }
+
     /// Arms or disarms.
     pub fn arm(&mut self, now: Timestamp, arm: bool) {
         self.command(
@@ -190,6 +202,7 @@ impl GroundStation {
             target_system: to.system,
             target_component: to.component,
             count: items.len() as u16,
+            mission_type: items.first().map_or(0, |i| i.mission_type),
             ..Default::default()
         };
         self.send(&count);
@@ -244,11 +257,10 @@ impl GroundStation {
             }
             Message::Raw(R::COMMAND_ACK(ack)) => {
                 const IN_PROGRESS: u8 = 5;
-                if ack.result != IN_PROGRESS
-                    && let Some((data, _)) = &self.command
-                    && data.command == ack.command
-                {
-                    self.command = None;
+                let is_ours = self.expected == Some(ack.command)
+                    || matches!(&self.command, Some((data, _)) if data.command == ack.command);
+                if ack.result != IN_PROGRESS && is_ours {
+                    (self.command, self.expected) = (None, None);
                     self.replies
                         .push_back(Reply::Command(ack.command, ack.result));
                 }
@@ -262,8 +274,18 @@ impl GroundStation {
                     self.send(&item);
                 }
             }
-            Message::Raw(R::MISSION_ACK(ack)) if self.upload.take().is_some() => {
-                self.replies.push_back(Reply::Upload(ack.mavtype));
+            Message::Raw(R::MISSION_ACK(ack)) => {
+                // The ACK of a list sent before may be repeated meanwhile.
+                let kind = |items: &[raw::MISSION_ITEM_INT_DATA]| {
+                    items.first().map_or(0, |i| i.mission_type)
+                };
+                if self
+                    .upload
+                    .take_if(|(items, ..)| kind(items) == ack.mission_type)
+                    .is_some()
+                {
+                    self.replies.push_back(Reply::Upload(ack.mavtype));
+                }
             }
             Message::Raw(R::STATUSTEXT(text)) => {
                 let words = text.text.to_str().unwrap_or_default();
@@ -283,6 +305,12 @@ impl GroundStation {
             }
             Message::Standard(S::MISSION_ITEM_REACHED(reached)) => {
                 self.heard.reached.push(reached.seq)
+            }
+            Message::Standard(S::BATTERY_STATUS(battery)) => {
+                self.heard.battery_left_s = battery.time_remaining;
+            }
+            Message::Standard(S::FENCE_STATUS(fence)) => {
+                self.heard.fence = Some((fence.breach_status, fence.breach_count));
             }
             Message::Standard(S::MISSION_CURRENT(current)) => {
                 self.heard.is_mission_complete = current.mission_state as u8 == 5;

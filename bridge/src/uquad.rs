@@ -5,6 +5,7 @@
 
 use crate::motor::SpeedRange;
 use control::integral::IntegralAction;
+use control::lqr::Design;
 use control::proportional::{ErrorLimits, Gains};
 use control::state_feedback::{StateFeedback, StateSetpoint};
 use core::fmt;
@@ -37,6 +38,8 @@ pub struct UquadConfig {
     pub first_speeds_radps: f64,
     /// Speeds that are commanded, rad/s.
     pub speed_range_radps: (f64, f64),
+    /// Steps of the filter for each action of the law; speeds stand in between.
+    pub steps_per_action: u32,
     /// When the loop begins.
     pub start: Start,
 }
@@ -69,6 +72,7 @@ impl UquadConfig {
             hover_radps: hover,
             first_speeds_radps: hover,
             speed_range_radps: speed_range(hover),
+            steps_per_action: 1,
             start: Start::Calibrated,
         }
     }
@@ -89,6 +93,7 @@ impl UquadConfig {
             hover_radps: 334.28,
             first_speeds_radps: 50.0,
             speed_range_radps: (0.0, 1000.0),
+            steps_per_action: 1,
             start: Start::AtFrame {
                 frame: 200,
                 reference_pa: 101_205.0,
@@ -104,6 +109,13 @@ pub fn speed_range(hover_radps: f64) -> (f64, f64) {
     (range.slowest_radps, range.fastest_radps)
 }
 
+/// Speed that hovers with a mass, rad/s, never above what a motor may turn at.
+fn laws_hover(craft: &vehicle::UquadAirframe, mass_kg: f64) -> f64 {
+    vehicle::UquadAirframe { mass_kg, ..*craft }
+        .hover_speed_radps()
+        .min(vehicle::uquad::MAX_SPEED_RADPS)
+}
+
 /// Why a configuration is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UquadError {
@@ -116,6 +128,9 @@ pub enum UquadError {
     /// The reduced set with gains for what it does not estimate.
     #[error("states = 8 and gains for x, y, vqx or vqy: these gains need states = 12")]
     GainsNeedTwelveStates,
+    /// A law that never acts.
+    #[error("steps per action = 0: the law acts every step (1) or every so many")]
+    StepsPerAction,
     /// Speeds that no motor turns at.
     #[error("motor speeds {0}..{1} rad/s: the slower comes first, both within 0-1000")]
     SpeedRange(f64, f64),
@@ -174,8 +189,12 @@ pub struct Uquad {
     speeds_radps: [f64; 4],
     period: SamplingPeriod,
     left_out: LeftOut,
+    steps_per_action: u32,
+    /// Steps and time since the law acted, s.
+    since_action: (u32, f64),
     start: Start,
     fix: Option<Vector3<f64>>,
+    start_m: Vector3<f64>,
     frames: u32,
     is_running: bool,
     is_stopped: bool,
@@ -196,6 +215,9 @@ impl Uquad {
         // False for NaN.
         if !(0.0 <= slowest && slowest <= fastest && fastest <= 1000.0) {
             return Err(UquadError::SpeedRange(slowest, fastest));
+        }
+        if config.steps_per_action == 0 {
+            return Err(UquadError::StepsPerAction);
         }
         let mut imu = ImuChain::new(calibration, config.imu)?;
         if let Start::AtFrame { reference_pa, .. } = config.start {
@@ -222,8 +244,11 @@ impl Uquad {
             speeds_radps: [config.first_speeds_radps; 4],
             period: SamplingPeriod::default(),
             left_out: LeftOut::new(),
+            steps_per_action: config.steps_per_action,
+            since_action: (0, 0.0),
             start: config.start,
             fix: None,
+            start_m: Vector3::zeros(),
             frames: 0,
             is_running: false,
             is_stopped: false,
@@ -289,11 +314,16 @@ impl Uquad {
                 return None;
             }
         }
-        let (slowest, fastest) = self.speed_range_radps;
-        self.speeds_radps = self
-            .law
-            .act(&self.setpoint, &self.filter.twelve(), judged.used_s)
-            .map(|w| w.clamp(slowest, fastest));
+        let (steps, time_s) = self.since_action;
+        self.since_action = (steps + 1, time_s + judged.used_s);
+        if steps + 1 >= self.steps_per_action {
+            let (slowest, fastest) = self.speed_range_radps;
+            self.speeds_radps = self
+                .law
+                .act(&self.setpoint, &self.filter.twelve(), self.since_action.1)
+                .map(|w| w.clamp(slowest, fastest));
+            self.since_action = (0, 0.0);
+        }
         Some(Step {
             frame: number,
             elapsed_us: reading.elapsed_us,
@@ -313,8 +343,9 @@ impl Uquad {
                 let Some(reference) = self.imu.reference() else {
                     return false;
                 };
-                self.filter.start_at(reference, Vector3::zeros());
+                self.filter.start_at(reference, self.start_m);
                 // Hover where it stands, facing where it faces.
+                self.setpoint.state[..3].copy_from_slice(self.start_m.as_slice());
                 self.setpoint.state[5] = reference.angles.theta_rad;
                 self.is_running = true;
             }
@@ -343,6 +374,35 @@ impl Uquad {
         self.speeds_radps = speeds_radps;
     }
 
+    /// Other gains from the next step on; what is integrated stays where the columns are the same.
+    pub fn set_gains(&mut self, design: &Design) {
+        self.law.gains = design.gains;
+        if let (Some(action), Some((gains, _))) = (&mut self.law.integral, design.integral) {
+            action.set_gains(gains);
+        }
+    }
+
+    /// The estimate is carried to another position, m: localization found itself elsewhere.
+    pub fn relocate(&mut self, position_m: Vector3<f64>) {
+        self.filter.relocate(position_m);
+    }
+
+    /// The estimate.
+    #[must_use]
+    pub const fn filter(&self) -> &ThesisFilter {
+        &self.filter
+    }
+
+    /// Where x and y are zero: the place of the start, m.
+    pub const fn start_from(&mut self, position_m: Vector3<f64>) {
+        self.start_m = position_m;
+    }
+
+    /// Other limits of the commanded speeds, rad/s: the weight was changed.
+    pub const fn set_speed_range(&mut self, speed_range_radps: (f64, f64)) {
+        self.speed_range_radps = speed_range_radps;
+    }
+
     /// Forgets the integrals: before take-off they have summed up the floor.
     pub fn reset_integrals(&mut self) {
         if let Some(integral) = &mut self.law.integral {
@@ -364,6 +424,9 @@ impl Uquad {
 }
 
 pub mod aircraft;
+pub mod flight;
+pub mod laws;
+pub mod reference;
 
 #[cfg(test)]
 mod tests;

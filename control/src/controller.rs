@@ -2,8 +2,10 @@
 
 use crate::altitude::{AltitudeLoop, Vertical};
 use crate::heading::HeadingLoop;
-use crate::params::ControlParams;
-use crate::position::{PositionLoop, tilt_of_accel, xy};
+use crate::outer_lqr::OuterLqr;
+use crate::params::{ControlParams, Variant};
+use crate::position::{PositionLoop, accel_of_tilt, tilt_of_accel, xy};
+use crate::snsi::law::{Seen, SnsiLaw};
 use crate::stick_curve::StickCurve;
 use crate::takeoff_land::{FloorView, SpoolUp, Touchdown};
 use crate::thrust::HoverThrust;
@@ -105,6 +107,12 @@ pub struct Controller {
     sticks_flew: bool,
     /// Climb rate, up, m/s: the estimate's, or integrated from the accelerometer since it was lost.
     climb_mps: f64,
+    /// LQR on the outer loop; none if its gains cannot be made.
+    outer: Option<OuterLqr>,
+    /// SNSI's family.
+    snsi: SnsiLaw,
+    /// SNSI's family flew last step.
+    snsi_ran: bool,
 }
 
 impl Controller {
@@ -130,6 +138,9 @@ impl Controller {
             throttle: 0.0,
             sticks_flew: false,
             climb_mps: 0.0,
+            outer: OuterLqr::new().ok(),
+            snsi: SnsiLaw::default(),
+            snsi_ran: false,
         }
     }
 
@@ -185,6 +196,18 @@ impl Controller {
         self.position.reset(nav);
         self.altitude.reset(-nav.velocity.z(), 0.0);
         self.heading.reset(nav.yaw_rad());
+        self.start_outer(nav);
+    }
+
+    /// The LQR continues the acceleration that is flown.
+    fn start_outer(&mut self, nav: &NavState) {
+        let (roll, pitch, yaw) = nav.attitude.roll_pitch_yaw();
+        let accel = accel_of_tilt(roll, pitch, yaw);
+        if let Some(outer) = &mut self.outer {
+            outer.level[0].reset(accel.x);
+            outer.level[1].reset(accel.y);
+            outer.height.reset(0.0);
+        }
     }
 
     /// One step. `dt_s` is the time since the last one; 40 to 250 Hz.
@@ -308,12 +331,13 @@ impl Controller {
             }
         };
         let on_floor = self.touchdown.landed();
+        let snsi = self.snsi_sticks(nav, trusted, setpoint, &horizontal, throttle);
         let (roll, pitch) = if on_floor {
             (0.0, 0.0)
         } else {
             (horizontal.roll, horizontal.pitch)
         };
-        self.emit(Wanted {
+        let mut out = self.emit(Wanted {
             roll,
             pitch,
             yaw_rate: if on_floor { 0.0 } else { yaw_rate },
@@ -332,6 +356,72 @@ impl Controller {
             } else {
                 Hold::Attitude
             },
+        });
+        if let (Some(sticks), false) = (snsi, on_floor) {
+            out.sticks = sticks.clamped();
+            self.throttle = out.sticks.throttle;
+        }
+        out
+    }
+
+    /// SNSI's family where it flies: set points with a height, sonar and attitude speaking.
+    fn snsi_sticks(
+        &mut self,
+        nav: &NavState,
+        trusted: &Trusted,
+        setpoint: &Setpoint,
+        horizontal: &Horizontal,
+        throttle: f64,
+    ) -> Option<Sticks> {
+        let (height, heading) = match *setpoint {
+            Setpoint::Hover { position, heading } => (Some(-position.z()), heading),
+            Setpoint::Velocity {
+                down_m, heading, ..
+            } => (down_m.map(|d| -d), heading),
+            _ => (None, Heading::Rate(0.0)),
+        };
+        let is_flown = self.params.variant == Variant::Snsi && trusted.attitude;
+        let (true, Some(height_m)) = (is_flown, height.filter(|h| h.is_finite())) else {
+            self.snsi_ran = false;
+            return None;
+        };
+        if !self.snsi_ran {
+            self.snsi.take_over(1000.0 + 1000.0 * throttle);
+            self.snsi_ran = true;
+        }
+        let turn_deg = match heading {
+            Heading::Yaw(yaw) if yaw.is_finite() => {
+                Some(vehicle::angle::shortest_turn(nav.yaw_rad(), yaw).to_degrees())
+            }
+            // A rate: what turns so much in half a second.
+            Heading::Rate(rate) if rate.is_finite() => Some((0.5 * rate).to_degrees()),
+            _ => None,
+        };
+        let (_, pitch, _) = nav.attitude.roll_pitch_yaw();
+        let most = crate::snsi::pid::MAX_INCLINATION_DEG.to_radians();
+        let wanted = (-horizontal.pitch).clamp(-most, most);
+        let us = self.snsi.cycle(&Seen {
+            height_cm: trusted.height.then_some(-100.0 * nav.position.z()),
+            target_cm: 100.0 * height_m,
+            inclination_deg: Some(-pitch.to_degrees()),
+            target_inclination_deg: wanted.to_degrees(),
+            turn_deg,
+            elevator_us: -500.0 * self.curve.stick_of_angle(-wanted),
+            roll_us: 1500.0 + 500.0 * self.curve.stick_of_angle(horizontal.roll),
+        });
+        let [throttle_us, roll_us, elevator_us, rudder_us, _] = us;
+        // A silent sonar leaves the cascade's blind descent.
+        let throttle = if trusted.height {
+            (throttle_us - 1000.0) / 1000.0
+        } else {
+            throttle
+        };
+        Some(Sticks {
+            roll: (roll_us - 1500.0) / 500.0,
+            // The elevator's plus is nose down.
+            pitch: -(elevator_us - 1500.0) / 500.0,
+            yaw: (rudder_us - 1500.0) / 500.0,
+            throttle,
         })
     }
 
@@ -399,9 +489,15 @@ impl Controller {
         }
         if !self.horizontal_ran {
             self.position.reset(nav);
+            self.start_outer(nav);
             self.horizontal_ran = true;
         }
-        let accel = self.position.step(&self.params, dt_s, nav, wanted);
+        let mut accel = self.position.step(&self.params, dt_s, nav, wanted);
+        if self.params.variant == Variant::Lqr
+            && let Some(by_law) = self.outer_accel(dt_s, nav, setpoint, hold)
+        {
+            accel = by_law;
+        }
         let (roll, pitch) = tilt_of_accel(accel, nav.yaw_rad(), tilt_max);
         Horizontal {
             roll,
@@ -410,6 +506,33 @@ impl Controller {
             velocity_sp: self.position.velocity_sp(),
             hold,
         }
+    }
+
+    /// Acceleration by LQR, NED, m/s2, for set points that it flies.
+    fn outer_accel(
+        &mut self,
+        dt_s: f64,
+        nav: &NavState,
+        setpoint: &Setpoint,
+        hold: Hold,
+    ) -> Option<Vector2<f64>> {
+        let (Setpoint::Hover { position, .. } | Setpoint::Land { position, .. }) = *setpoint else {
+            self.start_outer(nav);
+            return None;
+        };
+        let outer = self.outer.as_mut().filter(|_| hold == Hold::Position)?;
+        let (roll, pitch, yaw) = nav.attitude.roll_pitch_yaw();
+        let flown = accel_of_tilt(roll, pitch, yaw);
+        let error = xy(nav.position) - xy(position);
+        // Far away the limited error is its share of the direction, not of each axis.
+        let error = error.cap_magnitude(crate::outer_lqr::REACH_M);
+        let velocity = xy(nav.velocity);
+        let most = self.params.acc_hor;
+        let [north, east] = &mut outer.level;
+        Some(Vector2::new(
+            north.step(dt_s, Some(error.x), velocity.x, flown.x, most),
+            east.step(dt_s, Some(error.y), velocity.y, flown.y, most),
+        ))
     }
 
     fn vertical(
@@ -486,6 +609,28 @@ impl Controller {
         if !matches!(setpoint, Setpoint::Land { .. }) {
             self.altitude
                 .teach(p, dt_s, self.climb_mps, tilt_rad, &mut self.hover);
+        }
+        let mut accel_up = accel_up;
+        if self.params.variant == Variant::Lqr
+            && let (Vertical::Height(goal_m), Some(outer)) = (wanted, &mut self.outer)
+            && goal_m.is_finite()
+        {
+            let felt_up = -(nav.attitude * nav.accel_mps2).z() - GRAVITY_MPS2;
+            let error = height_m - goal_m;
+            let most = self.params.acc_vert;
+            accel_up = outer.height.step(
+                dt_s,
+                Some(error),
+                self.climb_mps,
+                finite_or_zero(felt_up),
+                most,
+            );
+            if self.climb_mps.abs() < STEADY_CLIMB_MPS && tilt_rad < 0.17 {
+                let share = (dt_s / self.params.hover_learn_s).min(1.0);
+                let given = outer.height.give(share);
+                self.hover
+                    .scale_weight(&self.params, 1.0 + given / GRAVITY_MPS2);
+            }
         }
         let weights = 1.0 + accel_up / GRAVITY_MPS2;
         VerticalDemand {

@@ -13,8 +13,12 @@
 //! | [`heading`] | yaw P with rate limit |
 //! | [`stick_curve`] | the inverse of the firmware's stick curves |
 //! | [`takeoff_land`] | spool-up until lift-off, descent, touch-down |
+//! | [`outer_lqr`] | LQR on the outer-loop model, dead time included: parameter `variant` |
+//! | [`snsi`] | SNSI's PID family and its controllers with priorities: the same parameter |
+//! | [`tuning`] | gains from a relay test, figures of a step: `kestrel tune` |
 //! | [`params`] | [`ControlParams`] |
 //! | [`state_feedback`] | uQuad's law, states to motor speeds: [`proportional`] gains and [`integral`] action |
+//! | [`setpoint_list`] | uQuad's list of set points, 17 numbers a line |
 //! | [`lqr`] | optimal gains for it: linearise, discretise, solve |
 //!
 //! ```
@@ -40,13 +44,17 @@ pub mod controller;
 pub mod heading;
 pub mod integral;
 pub mod lqr;
+pub mod outer_lqr;
 pub mod params;
 pub mod position;
 pub mod proportional;
+pub mod setpoint_list;
+pub mod snsi;
 pub mod state_feedback;
 pub mod stick_curve;
 pub mod takeoff_land;
 pub mod thrust;
+pub mod tuning;
 
 pub use controller::{ControlOutput, Controller, Hold, Phase};
-pub use params::{ControlParams, CurveKind};
+pub use params::{ControlParams, CurveKind, Variant};

@@ -14,9 +14,23 @@ vehicle::param_choice! {
     }
 }
 
+vehicle::param_choice! {
+    /// Which law flies from set point to sticks.
+    pub enum Variant {
+        /// The cascade: place, velocity, acceleration, tilt.
+        Cascade = 0, "cascade";
+        /// LQR on the outer-loop model, with the dead time of the RC stream in it, for places and heights; velocities stay the cascade's.
+        Lqr = 1, "lqr";
+        /// SNSI's PID family with priorities: height to throttle, inclination (8 degrees at most) to elevator, heading to rudder.
+        Snsi = 2, "snsi";
+    }
+}
+
 vehicle::params! {
     /// Tuning of the outer loops. Names as in PX4 where PX4 has the parameter.
     pub struct ControlParams {
+        /// Which law flies.
+        variant: choice<Variant> "KST_CTL_VARIANT" = Variant::Cascade;
         /// Position error to velocity (chosen: half of the velocity loop's bandwidth).
         xy_p: float "MPC_XY_P" = 1.3, "1/s", 0.1..=3.0;
         /// Velocity error to acceleration (chosen for 60 ms dead time and 100 ms attitude response: 6 dB gain margin).

@@ -128,7 +128,7 @@ pub fn tilt_of_accel(accel: Vector2<f64>, yaw_rad: f64, tilt_max_rad: f64) -> (f
 }
 
 /// The acceleration (NED, m/s2) of a tilt that carries the weight: the way back of [`tilt_of_accel`].
-fn accel_of_tilt(roll: f64, pitch: f64, yaw: f64) -> Vector2<f64> {
+pub(crate) fn accel_of_tilt(roll: f64, pitch: f64, yaw: f64) -> Vector2<f64> {
     let forward = -GRAVITY_MPS2 * libm::tan(pitch.clamp(-1.2, 1.2));
     let right = GRAVITY_MPS2 * libm::tan(roll.clamp(-1.2, 1.2)) / libm::cos(pitch.clamp(-1.2, 1.2));
     let (s, c) = (libm::sin(yaw), libm::cos(yaw));

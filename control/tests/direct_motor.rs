@@ -180,3 +180,70 @@ fn a_circle_at_one_metre_a_second_is_tracked_within_ten_centimetres() {
     println!("FIGURES\ncircle 1 m/s, 0.5 rad/s: at most {worst:.3} m off (bar 0.10)\nEND");
     assert!(worst < 0.10, "{worst}");
 }
+
+/// State of the loop as it is flown: 12 states, 4 integrals, 4 lagging motors, 4 speeds that wait for a sample.
+const LOOP: usize = 24;
+
+/// The closed loop over one sample with all gains scaled.
+fn loop_matrix(scale: f64) -> nalgebra::SMatrix<f64, LOOP, LOOP> {
+    type M<const R: usize, const C: usize> = nalgebra::SMatrix<f64, R, C>;
+    const MOTOR_LAG_S: f64 = 0.040;
+    let motion = Motion::of(UquadAirframe::default());
+    let hover = Trim::hover(&motion.craft, 0.0);
+    let design = design::twelve_and_integrals(&motion, &hover, &Weights::indoor()).unwrap();
+    let (a, b) = motion.jacobians(&hover.state, &hover.inputs);
+    let (integral_gains, columns) = design.integral.unwrap();
+    let mut ac = M::<20, 20>::zeros();
+    ac.fixed_view_mut::<12, 12>(0, 0).copy_from(&a);
+    ac.fixed_view_mut::<12, 4>(0, 16).copy_from(&b);
+    for (i, variable) in columns.into_iter().enumerate() {
+        ac[(12 + i, variable.state())] = 1.0;
+    }
+    let mut bc = M::<20, 4>::zeros();
+    for i in 0..4 {
+        ac[(16 + i, 16 + i)] = -1.0 / MOTOR_LAG_S;
+        bc[(16 + i, i)] = 1.0 / MOTOR_LAG_S;
+    }
+    let (phi, gamma) = control::lqr::zero_order_hold(&ac, &bc, 0.01);
+    let mut k = M::<4, 20>::zeros();
+    k.fixed_view_mut::<4, 12>(0, 0)
+        .copy_from(&design.gains.matrix);
+    k.fixed_view_mut::<4, 4>(0, 12).copy_from(&integral_gains);
+    let mut m = M::<LOOP, LOOP>::zeros();
+    m.fixed_view_mut::<20, 20>(0, 0).copy_from(&phi);
+    // Commands computed from a frame act from the next one on.
+    m.fixed_view_mut::<20, 4>(0, 20).copy_from(&gamma);
+    m.fixed_view_mut::<4, 20>(20, 0).copy_from(&(-k * scale));
+    m
+}
+
+/// All eigenvalues inside the unit circle: its powers vanish.
+fn is_stable(scale: f64) -> bool {
+    let mut power = loop_matrix(scale);
+    for _ in 0..16 {
+        power *= power;
+        if power.amax() > 1e12 || power.amax().is_nan() {
+            return false;
+        }
+    }
+    power.amax() < 1e-3
+}
+
+#[test]
+fn the_gain_margin_computed_with_motor_lag_and_a_sample_of_delay_is_six_decibels() {
+    assert!(is_stable(1.0));
+    let (mut up, mut down) = (1.0, 1.0);
+    while up < 100.0 && is_stable(up) {
+        up *= 1.02;
+    }
+    while down > 0.01 && is_stable(down) {
+        down /= 1.02;
+    }
+    let db = |x: f64| 20.0 * x.log10();
+    println!(
+        "FIGURES\ngain margin of uQuad's loop, all gains together, 40 ms motor lag and 10 ms of delay: {:+.1} dB and {:+.1} dB (bar 6)\nEND",
+        db(down),
+        db(up)
+    );
+    assert!(db(up) >= 6.0 && db(down) <= -6.0, "{down} {up}");
+}

@@ -55,11 +55,7 @@ fn nine(x: &Nominal) -> [(Aid, Observation); 9] {
     let unit = |index: usize, predicted: f64| {
         let mut row = ErrorVector::zeros();
         row[index] = 1.0;
-        Observation {
-            predicted,
-            row,
-            is_angle: false,
-        }
+        Observation::new(predicted, row)
     };
     let v = aid::velocity::observe(x);
     [
@@ -170,7 +166,7 @@ fn main() {
         }
     });
     let q = Covariance::identity() * 1e-6;
-    let mut p = *f.covariance();
+    let mut p = f.covariance();
     figure("reference/dense predict 15x15", |_| {
         p = black_box(phi) * p * black_box(phi).transpose() * 0.99 + q;
     });

@@ -1,6 +1,7 @@
 //! The estimator: sensor samples in, [`NavState`] out.
 
 mod aiding;
+mod external;
 mod lifecycle;
 
 use crate::diagnostics::Diagnostics;
@@ -79,6 +80,7 @@ pub struct Estimator {
     gyro: [Option<(Timestamp, Vector3<f64>)>; 2],
     first_imu: Option<Timestamp>,
     pseudo_at: Timestamp,
+    external: external::Last,
     fresh: Freshness,
     start: StartPlace,
     is_landed: bool,
@@ -115,6 +117,7 @@ impl Estimator {
             gyro: [None; 2],
             first_imu: None,
             pseudo_at: Timestamp::ZERO,
+            external: external::Last::default(),
             fresh: Freshness::default(),
             start: StartPlace::Unknown,
             is_landed: false,
@@ -221,6 +224,7 @@ impl Estimator {
         let q = Quality {
             std: self.params.attitude_std_deg.to_radians(),
             correlation_s: ATTITUDE_CORRELATION_S,
+            least_variance: 0.0,
         };
         for filter in [&mut self.navigation, &mut self.odometry] {
             let Some(x) = turned_to(filter, a.at) else {
@@ -239,6 +243,7 @@ impl Estimator {
         let heading = Quality {
             std: self.params.heading_std_deg.to_radians(),
             correlation_s: HEADING_CORRELATION_S,
+            least_variance: 0.0,
         };
         if let Some(x) = turned_to(&self.odometry, a.at) {
             let o = aid::yaw::observe(&x);
@@ -279,6 +284,7 @@ impl Estimator {
             let q = Quality {
                 std,
                 correlation_s: 0.2,
+                least_variance: 0.0,
             };
             filter.fuse(Aid::Baro, baro.at, &o, baro.altitude_m, q);
         }

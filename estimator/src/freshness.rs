@@ -17,6 +17,10 @@ pub(crate) struct Freshness {
     pub(crate) baro: Option<Timestamp>,
     pub(crate) flow: Option<Timestamp>,
     pub(crate) fix: Option<Timestamp>,
+    /// A pose from outside that is believed like one on the plan.
+    pub(crate) external: Option<Timestamp>,
+    /// Velocity from outside.
+    pub(crate) external_velocity: Option<Timestamp>,
 }
 
 fn is_fresh(at: Option<Timestamp>, now: Timestamp, limit_s: f64) -> bool {
@@ -29,7 +33,11 @@ impl Freshness {
     }
 
     pub(crate) fn has_flow(&self, now: Timestamp) -> bool {
-        is_fresh(self.flow, now, VELOCITY_S)
+        is_fresh(self.flow, now, VELOCITY_S) || is_fresh(self.external_velocity, now, VELOCITY_S)
+    }
+
+    pub(crate) fn has_external(&self, now: Timestamp) -> bool {
+        is_fresh(self.external, now, VELOCITY_S)
     }
 
     pub(crate) fn health(
@@ -40,8 +48,9 @@ impl Freshness {
     ) -> NavHealth {
         let attitude =
             is_fresh(self.imu, now, ATTITUDE_S) && is_fresh(self.attitude, now, ATTITUDE_S);
-        let position = localization == LocalizationState::Localized;
-        let has_fix = position && is_fresh(self.fix, now, VELOCITY_S);
+        let has_external = self.has_external(now);
+        let position = localization == LocalizationState::Localized || has_external;
+        let has_fix = has_external || position && is_fresh(self.fix, now, VELOCITY_S);
         NavHealth {
             attitude,
             height: attitude && (self.has_range(now) || is_fresh(self.baro, now, HEIGHT_S)),

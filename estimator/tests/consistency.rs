@@ -136,7 +136,14 @@ fn observation(aid: Aid, x: &Nominal, gyro: &Vector3<f64>) -> Option<Observation
         Aid::VelocityNorth => aid::velocity::observe(x)[0],
         Aid::VelocityEast => aid::velocity::observe(x)[1],
         Aid::VelocityDown => aid::velocity::observe(x)[2],
-        Aid::Heading | Aid::HeadingIncrement | Aid::Rate => return None,
+        Aid::ExternalNorth | Aid::GnssNorth => aid::position::observe_along(x, [1.0, 0.0]),
+        Aid::ExternalEast | Aid::GnssEast => aid::position::observe_along(x, [0.0, 1.0]),
+        Aid::ExternalYaw => aid::yaw::observe(x),
+        Aid::Heading
+        | Aid::HeadingIncrement
+        | Aid::Rate
+        | Aid::ExternalForward
+        | Aid::ExternalRight => return None,
     })
 }
 
@@ -173,7 +180,7 @@ fn run(seed: u64, imu_hz: u64, sums: &mut Sums) {
     // Where the filter believes to be: the truth, off by a draw from its own covariance.
     let mut filter = Filter::new(noise);
     filter.start(Timestamp::ZERO, truth, std);
-    let p = *filter.covariance();
+    let p = filter.covariance();
     let error =
         nalgebra::SVector::<f64, STATES>::from_fn(|i, _| normal(&mut random) * p[(i, i)].sqrt());
     let mut begin = truth.plus(&error);
@@ -223,7 +230,7 @@ fn run(seed: u64, imu_hz: u64, sums: &mut Sums) {
         }
         if k > 0 && k % (imu_hz / 5) == 0 {
             let e = filter.state().error_to(&truth);
-            let p = *filter.covariance();
+            let p = filter.covariance();
             let solved = p.cholesky().unwrap().solve(&e);
             let step = (k / (imu_hz / 5) - 1) as usize;
             if sums.nees.len() <= step {

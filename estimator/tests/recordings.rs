@@ -260,7 +260,7 @@ fn kidnaps(sensors: Sensors) -> Option<Vec<(Track, usize)>> {
 
 #[test]
 fn a_kidnapped_vehicle_notices_and_finds_itself_within_four_stops() {
-    for (sensors, bar) in [(Sensors::Tof32, 95.0), (Sensors::Sonar4, 70.0)] {
+    for (sensors, bar) in [(Sensors::Tof32, 95.0), (Sensors::Sonar4, 90.0)] {
         let Some(tracks) = kidnaps(sensors) else {
             return;
         };

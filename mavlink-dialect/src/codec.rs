@@ -11,11 +11,14 @@ use crate::message::Message;
 use crate::signing::{SIGNATURE_LEN, SigningKey};
 use crate::{Address, crc};
 use arrayvec::ArrayVec;
+use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, MessageData};
 
 const STX_V1: u8 = 0xFE;
 const STX_V2: u8 = 0xFD;
 const SIGNED: u8 = 0x01;
+/// Bytes before the payload in version 2.
+const HEADER_LEN: usize = 10;
 /// Longest frame: v2, 255 bytes of payload, signed.
 pub const MAX_FRAME_LEN: usize = 10 + 255 + 2 + SIGNATURE_LEN;
 
@@ -59,17 +62,42 @@ pub struct Decoder {
     counters: DecodeCounters,
 }
 
-#[expect(
-    clippy::large_enum_variant,
-    reason = "returned by value and taken apart at once"
-)]
-enum Scan {
+/// A frame whose checksum was right, as it lies in the bytes that came; nothing of its payload has been looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameView<'a> {
+    /// Who sent it.
+    pub from: Address,
+    /// Sequence number of the sender on this link.
+    pub sequence: u8,
+    /// True if it carried a signature (not checked here).
+    pub is_signed: bool,
+    /// Message id.
+    pub id: u32,
+    /// Payload, trailing zeros cut.
+    pub payload: &'a [u8],
+    /// The whole frame.
+    pub wire: &'a [u8],
+    version: MavlinkVersion,
+}
+
+impl FrameView<'_> {
+    /// What it says.
+    ///
+    /// # Errors
+    /// The payload holds an enumeration value the dialect does not know.
+    #[inline]
+    pub fn message(&self) -> Result<Message, ParserError> {
+        Message::parse(self.version, self.id, self.payload)
+    }
+}
+
+enum Scan<'a> {
     /// More bytes are needed.
     Wait,
     /// This many leading bytes are of no use.
     Skip(usize),
-    /// A frame of this many bytes.
-    Frame(usize, Frame),
+    /// A frame.
+    Frame(FrameView<'a>),
 }
 
 impl Decoder {
@@ -87,12 +115,39 @@ impl Decoder {
 
     /// Takes more bytes; calls `frame` for each frame they complete.
     pub fn push(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame)) {
-        self.push_wire(bytes, |f, _| frame(f));
+        let mut bad_payload = 0;
+        self.push_views(bytes, |view| match view.message() {
+            Ok(message) => frame(Frame {
+                from: view.from,
+                sequence: view.sequence,
+                is_signed: view.is_signed,
+                message,
+            }),
+            Err(_) => bad_payload += 1,
+        });
+        self.note_bad(bad_payload);
     }
 
     /// [`Decoder::push`], with each frame's bytes as they came: what [`crate::signing`] judges.
-    pub fn push_wire(&mut self, mut bytes: &[u8], mut frame: impl FnMut(Frame, &[u8])) {
+    pub fn push_wire(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame, &[u8])) {
+        let mut bad_payload = 0;
+        self.push_views(bytes, |view| open(&view, &mut bad_payload, &mut frame));
+        self.note_bad(bad_payload);
+    }
+
+    fn note_bad(&mut self, bad_payload: u64) {
+        self.counters.bad_payload += bad_payload;
+        self.counters.frames -= bad_payload;
+    }
+
+    /// [`Decoder::push`] without looking at payloads: for whoever passes frames on, or wants few of them.
+    pub fn push_views(&mut self, mut bytes: &[u8], mut frame: impl FnMut(FrameView<'_>)) {
         while !bytes.is_empty() {
+            if self.pending.is_empty() {
+                // Whole frames are read where they lie; only a last piece is kept.
+                let used = take_frames(bytes, &mut self.counters, &mut frame);
+                bytes = &bytes[used..];
+            }
             let room = self.pending.remaining_capacity().min(bytes.len());
             let (now, later) = bytes.split_at(room);
             // Fits: `room` is at most the remaining capacity.
@@ -110,31 +165,60 @@ impl Decoder {
 
     /// [`Decoder::end_of_datagram`], with each frame's bytes as they came.
     pub fn end_of_datagram_wire(&mut self, mut frame: impl FnMut(Frame, &[u8])) {
+        let mut bad_payload = 0;
         while !self.pending.is_empty() {
             self.counters.noise_bytes += 1;
             self.pending.drain(..1);
-            self.drain(&mut frame);
+            self.drain(&mut |view| open(&view, &mut bad_payload, &mut frame));
         }
+        self.note_bad(bad_payload);
     }
 
-    fn drain(&mut self, frame: &mut impl FnMut(Frame, &[u8])) {
-        let mut at = 0;
-        loop {
-            match scan(&self.pending[at..], &mut self.counters) {
-                Scan::Wait => break,
-                Scan::Skip(n) => at += n,
-                Scan::Frame(n, f) => {
-                    self.counters.frames += 1;
-                    frame(f, &self.pending[at..at + n]);
-                    at += n;
-                }
-            }
-        }
-        self.pending.drain(..at);
+    fn drain(&mut self, frame: &mut impl FnMut(FrameView<'_>)) {
+        let used = take_frames(&self.pending, &mut self.counters, frame);
+        self.pending.drain(..used);
     }
 }
 
-fn scan(bytes: &[u8], counters: &mut DecodeCounters) -> Scan {
+/// Hands out the frames at the beginning of `bytes`; how many bytes are done with.
+fn take_frames(
+    bytes: &[u8],
+    counters: &mut DecodeCounters,
+    frame: &mut impl FnMut(FrameView<'_>),
+) -> usize {
+    let mut at = 0;
+    loop {
+        match scan(&bytes[at..], counters) {
+            Scan::Wait => return at,
+            Scan::Skip(n) => at += n,
+            Scan::Frame(view) => {
+                counters.frames += 1;
+                at += view.wire.len();
+                frame(view);
+            }
+        }
+    }
+}
+
+/// Parses a frame and hands it out, or counts it.
+#[inline]
+fn open(view: &FrameView<'_>, bad_payload: &mut u64, frame: &mut impl FnMut(Frame, &[u8])) {
+    match view.message() {
+        Ok(message) => frame(
+            Frame {
+                from: view.from,
+                sequence: view.sequence,
+                is_signed: view.is_signed,
+                message,
+            },
+            view.wire,
+        ),
+        Err(_) => *bad_payload += 1,
+    }
+}
+
+#[inline]
+fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
     let Some(&stx) = bytes.first() else {
         return Scan::Wait;
     };
@@ -199,21 +283,15 @@ fn scan(bytes: &[u8], counters: &mut DecodeCounters) -> Scan {
         counters.bad_checksum += 1;
         return Scan::Skip(1);
     }
-    match Message::parse(version, id, &bytes[header_len..body_len]) {
-        Ok(message) => Scan::Frame(
-            frame_len,
-            Frame {
-                from,
-                sequence,
-                is_signed,
-                message,
-            },
-        ),
-        Err(_) => {
-            counters.bad_payload += 1;
-            Scan::Skip(frame_len)
-        }
-    }
+    Scan::Frame(FrameView {
+        from,
+        sequence,
+        is_signed,
+        id,
+        payload: &bytes[header_len..body_len],
+        wire: &bytes[..frame_len],
+        version,
+    })
 }
 
 /// Encoder of one component on one link: MAVLink 2, its own sequence.
@@ -232,17 +310,16 @@ impl Encoder {
 
     /// One message of a known type as a frame.
     pub fn encode<D: MessageData>(&mut self, message: &D) -> FrameBytes {
-        let mut payload = [0u8; 255];
-        let n = message.ser(MavlinkVersion::V2, &mut payload);
-        self.frame(D::ID, D::EXTRA_CRC, &payload[..n], 0)
+        self.frame(D::ID, D::EXTRA_CRC, 0, |payload| {
+            message.ser(MavlinkVersion::V2, payload)
+        })
     }
 
     /// One message as a frame.
     pub fn encode_message(&mut self, message: &Message) -> FrameBytes {
-        let mut payload = [0u8; 255];
-        let n = message.write_payload(&mut payload);
         let id = message.id();
-        self.frame(id, Message::crc_extra(id).unwrap_or(0), &payload[..n], 0)
+        let extra = Message::crc_extra(id).unwrap_or(0);
+        self.frame(id, extra, 0, |payload| message.write_payload(payload))
     }
 
     /// One message as a signed frame; `stamp` is from [`SigningState::stamp`](crate::signing::SigningState::stamp).
@@ -253,11 +330,9 @@ impl Encoder {
         link_id: u8,
         stamp: u64,
     ) -> FrameBytes {
-        let mut payload = [0u8; 255];
-        let n = message.write_payload(&mut payload);
         let id = message.id();
         let extra = Message::crc_extra(id).unwrap_or(0);
-        let mut out = self.frame(id, extra, &payload[..n], SIGNED);
+        let mut out = self.frame(id, extra, SIGNED, |payload| message.write_payload(payload));
         out.push(link_id);
         out.extend(stamp.to_le_bytes().into_iter().take(6));
         let tag = key.tag(&out);
@@ -265,11 +340,21 @@ impl Encoder {
         out
     }
 
-    fn frame(&mut self, id: u32, crc_extra: u8, payload: &[u8], flags: u8) -> FrameBytes {
+    /// The payload is written where it goes out from.
+    fn frame(
+        &mut self,
+        id: u32,
+        crc_extra: u8,
+        flags: u8,
+        write: impl FnOnce(&mut [u8; 255]) -> usize,
+    ) -> FrameBytes {
+        let mut bytes = [0u8; MAX_FRAME_LEN];
+        let (header, rest) = bytes.split_at_mut(HEADER_LEN);
+        let n = rest.first_chunk_mut::<255>().map_or(0, write);
         let [id0, id1, id2, _] = id.to_le_bytes();
-        let header = [
+        header.copy_from_slice(&[
             STX_V2,
-            payload.len() as u8,
+            n as u8,
             flags,
             0,
             self.sequence,
@@ -278,15 +363,46 @@ impl Encoder {
             id0,
             id1,
             id2,
-        ];
+        ]);
         self.sequence = self.sequence.wrapping_add(1);
-        let mut out = FrameBytes::new();
-        out.extend(header);
-        out.extend(payload.iter().copied());
-        let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[crc_extra]);
-        out.extend(sum.to_le_bytes());
+        let end = HEADER_LEN + n;
+        let sum = crc::update(crc::update(crc::INIT, &bytes[1..end]), &[crc_extra]);
+        bytes[end..end + 2].copy_from_slice(&sum.to_le_bytes());
+        let mut out = FrameBytes::from(bytes);
+        out.truncate(end + 2);
         out
     }
+}
+
+/// A frame that came in on one link, to go out on another: the same sender, number and payload. A signature belongs to the link it came
+/// by and is left behind; `sign` (key, link id, time stamp) makes the one of the new link. None if it cannot be: a frame of version 1
+/// carries no signature.
+#[must_use]
+pub fn passed_on(wire: &[u8], sign: Option<(&SigningKey, u8, u64)>) -> Option<FrameBytes> {
+    let is_v2 = wire.first() == Some(&STX_V2);
+    let was_signed = is_v2 && wire.get(2)? & SIGNED != 0;
+    let mut out = FrameBytes::new();
+    if !was_signed && sign.is_none() {
+        out.try_extend_from_slice(wire).ok()?;
+        return Some(out);
+    }
+    if !is_v2 {
+        return None;
+    }
+    let body = 10 + usize::from(*wire.get(1)?);
+    out.try_extend_from_slice(wire.get(..body)?).ok()?;
+    out[2] = if sign.is_some() { SIGNED } else { 0 };
+    let id = u32::from_le_bytes([wire[7], wire[8], wire[9], 0]);
+    let extra = Message::crc_extra(id)?;
+    let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[extra]);
+    out.extend(sum.to_le_bytes());
+    if let Some((key, link_id, stamp)) = sign {
+        out.push(link_id);
+        out.extend(stamp.to_le_bytes().into_iter().take(6));
+        let tag = key.tag(&out);
+        out.extend(tag);
+    }
+    Some(out)
 }
 
 #[cfg(test)]
@@ -352,6 +468,26 @@ mod tests {
                 .as_slice(),
             theirs.as_slice()
         );
+    }
+
+    #[test]
+    fn a_frame_passed_on_keeps_all_but_its_signature() {
+        let key = SigningKey::from_passphrase("hangar");
+        let message = Message::Standard(standard::MavMessage::ATTITUDE(attitude(5)));
+        let plain = Encoder::new(US).encode_message(&message);
+        assert_eq!(passed_on(&plain, None).unwrap(), plain);
+        let signed = Encoder::new(US).encode_signed(&message, &key, 3, 77);
+        assert_eq!(passed_on(&signed, None).unwrap(), plain);
+        assert_eq!(passed_on(&plain, Some((&key, 3, 77))).unwrap(), signed);
+        let mut v1 = Vec::new();
+        let header = mavlink::MavHeader::default();
+        let beat = raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA::default());
+        mavlink::write_v1_msg(&mut v1, header, &beat).unwrap();
+        assert_eq!(passed_on(&v1, None).unwrap().as_slice(), v1.as_slice());
+        assert_eq!(passed_on(&v1, Some((&key, 3, 77))), None);
+        for n in 0..plain.len() {
+            let _ = passed_on(&signed[..n], Some((&key, 1, 1)));
+        }
     }
 
     #[test]

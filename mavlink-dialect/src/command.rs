@@ -52,6 +52,10 @@ commands! {
     NAV_LAND = 21;
     /// Climb.
     NAV_TAKEOFF = 22;
+    /// Fly around a place, now.
+    DO_ORBIT = 34;
+    /// Fly a figure eight about a place, now.
+    DO_FIGURE_EIGHT = 35;
     /// Wait.
     NAV_DELAY = 93;
     /// Wait before the next action.
@@ -112,6 +116,20 @@ commands! {
     SET_MESSAGE_INTERVAL = 511;
     /// Send a message once.
     REQUEST_MESSAGE = 512;
+    /// Send CAMERA_INFORMATION, the old form.
+    REQUEST_CAMERA_INFORMATION = 521;
+    /// Send CAMERA_SETTINGS, the old form.
+    REQUEST_CAMERA_SETTINGS = 522;
+    /// Send STORAGE_INFORMATION, the old form.
+    REQUEST_STORAGE_INFORMATION = 525;
+    /// Format a camera's storage.
+    STORAGE_FORMAT = 526;
+    /// Send CAMERA_CAPTURE_STATUS, the old form.
+    REQUEST_CAMERA_CAPTURE_STATUS = 527;
+    /// Reset a camera's settings.
+    RESET_CAMERA_SETTINGS = 529;
+    /// Make something fail, in a simulator.
+    INJECT_FAILURE = 420;
     /// Send PROTOCOL_VERSION, the old form.
     REQUEST_PROTOCOL_VERSION = 519;
     /// Send AUTOPILOT_VERSION, the old form.
@@ -132,6 +150,16 @@ commands! {
     VIDEO_START_CAPTURE = 2500;
     /// Stop recording.
     VIDEO_STOP_CAPTURE = 2501;
+    /// Start a video stream.
+    VIDEO_START_STREAMING = 2502;
+    /// Stop a video stream.
+    VIDEO_STOP_STREAMING = 2503;
+    /// Send VIDEO_STREAM_INFORMATION, the old form.
+    REQUEST_VIDEO_STREAM_INFORMATION = 2504;
+    /// Send VIDEO_STREAM_STATUS, the old form.
+    REQUEST_VIDEO_STREAM_STATUS = 2505;
+    /// Take or give back control.
+    REQUEST_OPERATOR_CONTROL = 32100;
     /// Ours: parameter 1 is the ASCII code of a key of the key console.
     USER_1 = 31010;
 }
@@ -158,6 +186,8 @@ pub mod result {
     pub const INT_ONLY: u8 = 8;
     /// The frame does not fit this command.
     pub const UNSUPPORTED_MAV_FRAME: u8 = 9;
+    /// Another station is in control.
+    pub const NOT_IN_CONTROL: u8 = 10;
 }
 
 /// A command, whichever form carried it.

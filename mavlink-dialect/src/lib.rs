@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`codec`] | [`Decoder`] (push, resynchronising, counting) and [`Encoder`] |
 //! | [`crc`] | CRC-16/MCRF4XX, eight bytes a step |
+//! | [`export`] | our own messages as XML for other generators |
 //! | [`message`] | [`Message`]: a standard message or one of ours |
 //! | [`mode`] | flight modes as PX4 `custom_mode` and as standard modes |
 //! | [`command`] | MAV_CMD numbers and results |
@@ -31,6 +32,7 @@ pub mod address;
 pub mod codec;
 pub mod command;
 pub mod crc;
+pub mod export;
 pub mod message;
 pub mod mission_item;
 pub mod mode;
@@ -54,6 +56,6 @@ mod generated {
 pub use generated::kestrel as raw;
 
 pub use address::Address;
-pub use codec::{DecodeCounters, Decoder, Encoder, Frame, FrameBytes};
+pub use codec::{DecodeCounters, Decoder, Encoder, Frame, FrameBytes, FrameView};
 pub use mavlink::MessageData;
 pub use message::Message;

@@ -3,6 +3,7 @@
 use crate::{raw, standard};
 use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message as _};
+use std::sync::LazyLock;
 
 /// A parsed message. Ids that `kestrel.xml` declares parse as [`Message::Raw`], everything else as standard.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,17 +14,47 @@ pub enum Message {
     Standard(standard::MavMessage),
 }
 
+/// Which dialect declares an id, with its CRC_EXTRA.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Known {
+    Not,
+    Raw(u8),
+    Standard(u8),
+}
+
+/// Ids below this are looked up in a table; beyond there are few.
+const TABLE_LEN: usize = 512;
+
+/// Asked for every frame: 2 KiB once instead of two searches each time.
+static TABLE: LazyLock<[Known; TABLE_LEN]> =
+    LazyLock::new(|| core::array::from_fn(|id| search(id as u32)));
+
+#[inline]
+fn look_up(id: u32) -> Known {
+    match TABLE.get(id as usize) {
+        Some(known) => *known,
+        None => search(id),
+    }
+}
+
+fn search(id: u32) -> Known {
+    // Both generated look-ups answer 0 for an unknown id; some known ids may have 0 too, so ask for existence.
+    if raw::MavMessage::all_ids().binary_search(&id).is_ok() {
+        Known::Raw(raw::MavMessage::extra_crc(id))
+    } else if standard::MavMessage::all_ids().binary_search(&id).is_ok() {
+        Known::Standard(standard::MavMessage::extra_crc(id))
+    } else {
+        Known::Not
+    }
+}
+
 impl Message {
     /// CRC_EXTRA of an id, none if neither dialect knows it.
     #[must_use]
     pub fn crc_extra(id: u32) -> Option<u8> {
-        // Both generated look-ups answer 0 for an unknown id; some known ids may have 0 too, so ask for existence.
-        if raw::MavMessage::all_ids().binary_search(&id).is_ok() {
-            Some(raw::MavMessage::extra_crc(id))
-        } else if standard::MavMessage::all_ids().binary_search(&id).is_ok() {
-            Some(standard::MavMessage::extra_crc(id))
-        } else {
-            None
+        match look_up(id) {
+            Known::Raw(extra) | Known::Standard(extra) => Some(extra),
+            Known::Not => None,
         }
     }
 
@@ -31,11 +62,13 @@ impl Message {
     ///
     /// # Errors
     /// The payload holds an enumeration value the dialect does not know, or the id is unknown.
+    #[inline]
     pub fn parse(version: MavlinkVersion, id: u32, payload: &[u8]) -> Result<Self, ParserError> {
-        if raw::MavMessage::all_ids().binary_search(&id).is_ok() {
-            raw::MavMessage::parse(version, id, payload).map(Self::Raw)
-        } else {
-            standard::MavMessage::parse(version, id, payload).map(Self::Standard)
+        match look_up(id) {
+            Known::Raw(_) => raw::MavMessage::parse(version, id, payload).map(Self::Raw),
+            Known::Standard(_) | Known::Not => {
+                standard::MavMessage::parse(version, id, payload).map(Self::Standard)
+            }
         }
     }
 

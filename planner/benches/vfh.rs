@@ -2,9 +2,9 @@
 //!
 //! | Line | What |
 //! | --- | --- |
-//! | `vfh/full` | obstacles already gathered: polar histogram from all of them, direction, stopping speed |
-//! | `vfh/gather` | obstacles from the certainty grid's window |
-//! | `vfh/incremental` | eight changed cells |
+//! | `vfh/full` | a step after the vehicle has moved on: the window's cells into the polar histogram, direction, speed |
+//! | `vfh/incremental` | a step in which eight cells have changed, but not the place: histogram, direction, speed |
+//! | `vfh/gather` | obstacle points of the window, for the free way ahead and the look-ahead |
 //! | `vfh/scan` | 32 columns into the grid, free space before them too |
 
 #![allow(
@@ -15,7 +15,7 @@
 
 use planner::VfhParams;
 use planner::vfh::grid::CertaintyGrid;
-use planner::vfh::histogram::Histogram;
+use planner::vfh::histogram::{Histogram, Window};
 use planner::vfh::steering::{Pull, direction, stopping_speed};
 use planner::vfh::surroundings::Surroundings;
 use std::hint::black_box;
@@ -62,16 +62,32 @@ fn main() {
             black_box(around.points().len());
         });
         let mut histogram = Histogram::new(&params, 0.2);
+        let mut window = Window::new(params.window_m);
         let pull = Pull {
             target_rad: 0.3,
             motion_rad: Some(0.1),
             previous_rad: Some(0.2),
         };
-        report(&format!("vfh/full {share}"), || {
-            histogram.update(around.points(), 2.0);
+        let mut step = |grid: &mut CertaintyGrid, here| {
+            histogram.update_over(&mut window, grid, here, NOW, &[], 1.5);
             let chosen = direction(&params, histogram.blocked(), &pull);
             black_box(stopping_speed(params.brake_mps2, params.latency_s, 1.0));
             black_box(chosen);
+        };
+        let mut is_odd = false;
+        report(&format!("vfh/full {share}"), || {
+            is_odd = !is_odd;
+            let moved_m = if is_odd { 0.06 } else { 0.0 };
+            step(&mut grid, here + In::new(moved_m, 0.0, 0.0));
+        });
+        let changing: Vec<_> = (0..8)
+            .map(|k| In::new(4.05 + 0.2 * f64::from(k), 5.55, 0.0))
+            .collect();
+        report(&format!("vfh/incremental {share}"), || {
+            for p in &changing {
+                grid.add_hit(*p, NOW);
+            }
+            step(&mut grid, here);
         });
     }
     let mut grid = CertaintyGrid::new([0.0, 0.0], [10.0, 10.0], &params);
@@ -81,11 +97,6 @@ fn main() {
             In::new(5.0 + 1.5 * c, 5.0 + 1.5 * s, 0.0)
         })
         .collect();
-    report("vfh/incremental", || {
-        for end in ends.iter().step_by(4) {
-            grid.add_hit(*end, NOW);
-        }
-    });
     report("vfh/scan 32 rays", || {
         for end in &ends {
             grid.add_free(here, *end, NOW);

@@ -97,6 +97,13 @@ impl Coverage {
             && self.fresh(now, sector_of(bearing_rad - 0.5 * SECTOR_RAD))
     }
 
+    /// True if no ranger looks within an angle (rad) of a body bearing: a side without rangers, not a gap between two.
+    #[must_use]
+    pub fn is_blind_side(&self, now: Timestamp, bearing_rad: f64, half_rad: f64) -> bool {
+        let n = libm::floor(half_rad / SECTOR_RAD) as i32;
+        (-n..=n).all(|k| !self.fresh(now, sector_of(bearing_rad + f64::from(k) * SECTOR_RAD)))
+    }
+
     /// True if the ring looks somewhere but not everywhere: turning shows more.
     #[must_use]
     pub fn has_gaps(&self, now: Timestamp) -> bool {
@@ -178,6 +185,24 @@ mod tests {
             !c.sees(Timestamp::from_ms(900), 0.0),
             "old looks do not count"
         );
+    }
+
+    #[test]
+    fn a_gap_between_two_rangers_is_no_blind_side_but_the_rear_of_snsi6_is() {
+        let half = 30_f64.to_radians();
+        assert!(!four_sensors().is_blind_side(Timestamp::ZERO, FRAC_PI_4, half));
+        let ring = RingConfig::built_in("snsi6").unwrap();
+        let mut c = Coverage::default();
+        for r in ring.rangers.iter().filter(|r| r.elevation_deg.abs() < 1.0) {
+            c.mark(
+                Timestamp::ZERO,
+                r.bearing_deg.to_radians(),
+                r.half_cone_deg.to_radians(),
+                0.0,
+            );
+        }
+        assert!(c.is_blind_side(Timestamp::ZERO, core::f64::consts::PI, half));
+        assert!(!c.is_blind_side(Timestamp::ZERO, 1.1, half));
     }
 
     #[test]

@@ -11,10 +11,13 @@
 //! | [`route`] | [`Router`]: A* on the inflated plan |
 //! | [`navigator`] | [`Navigator`]: goal and state to [`vehicle::Setpoint`]; the limiter of manual flight |
 //! | [`vfh`] | certainty grid, polar histogram, openings, steering |
-//! | [`potential`] | potential fields, SNSI's first planner, for comparison |
+//! | [`potential`] | potential fields, SNSI's first planner, selectable for comparison |
+//! | [`trajectory`] | orbit, figure eight, curves of least jerk through way points |
 //! | [`tracks`] | people: what moves and is not on the plan |
 //! | [`evade`] | where to step aside |
 //! | [`coverage`] | which directions the rangers look into |
+//! | [`fence`] | where the vehicle may be |
+//! | [`patrol`] | rounds over rooms and sweeps of the floor, made on the ground |
 //! | [`params`] | [`PlannerParams`] |
 //! | [`episode`] | a flight through obstacles nobody knows of: `kestrel eval avoid`, the BARN campaign |
 //!
@@ -48,12 +51,15 @@
 pub mod coverage;
 pub mod episode;
 pub mod evade;
+pub mod fence;
 pub mod mission;
 pub mod navigator;
 pub mod params;
+pub mod patrol;
 pub mod potential;
 pub mod route;
 pub mod tracks;
+pub mod trajectory;
 pub mod vfh;
 
 pub use mission::{
@@ -62,4 +68,4 @@ pub use mission::{
 pub use navigator::{Goal, Navigator, Steering, SteeringState};
 pub use params::PlannerParams;
 pub use route::{RouteError, Router};
-pub use vfh::VfhParams;
+pub use vfh::{VfhParams, VfhVariant};

@@ -4,6 +4,7 @@
 //! radius plus a margin. Crossing costs its length times `1 + w exp(-3 (d - r))`, so doors are passed in the middle and
 //! rooms away from the walls. Obstacles that were seen but are not on the plan can be added for one search.
 
+use crate::fence::{Fence, Zone};
 use crate::params::PlannerParams;
 use arrayvec::ArrayVec;
 use core::cmp::Ordering;
@@ -11,7 +12,7 @@ use std::collections::BinaryHeap;
 use std::sync::Arc;
 use thiserror::Error;
 use vehicle::floor_plan::Cell;
-use vehicle::{FloorPlan, In, Map};
+use vehicle::{FloorPlan, In, Map, MapAnchor};
 
 /// Most corners of a way.
 pub const MAX_CORNERS: usize = 128;
@@ -52,9 +53,23 @@ pub enum RouteError {
         /// Radius of the vehicle, m.
         needed_m: f64,
     },
+    /// Outside the fence, in a no-fly zone, or with less room to their border than the vehicle needs.
+    #[error("{}", outside(*.room_m))]
+    OutsideFence {
+        /// Room to the border, m; negative beyond it.
+        room_m: f64,
+    },
     /// Walls or obstacles in between.
     #[error("no way leads there on the floor plan")]
     NoWay,
+}
+
+fn outside(room_m: f64) -> String {
+    if room_m < 0.0 {
+        "the place is outside the fence or in a no-fly zone".to_owned()
+    } else {
+        format!("the place is {room_m:.2} m from the border of a fence or no-fly zone")
+    }
 }
 
 /// Finds ways. All work space is allocated once; a search touches nothing else.
@@ -70,6 +85,14 @@ pub struct Router {
     is_narrow: bool,
     /// Per cell: distance to the nearest wall, m; negative where the plan knows no free floor.
     clearance_m: Vec<f32>,
+    /// Zones of the plan, on the plan.
+    no_fly: Fence,
+    /// Per cell: room to the border of the fence or of a no-fly zone, m; negative beyond it, infinite without one.
+    room_m: Vec<f32>,
+    /// Per cell: length of the way to the place last measured from, m.
+    measured_m: Vec<f32>,
+    /// The search under way began beyond a border: it may come back.
+    is_fence_off: bool,
     /// Per cell: cost per metre; infinite where it may not be crossed.
     cost: Vec<f32>,
     /// Per cell: what the obstacles of the last search make of it, cost per metre; infinite where they block it. Kept until
@@ -113,8 +136,13 @@ impl Router {
             })
             .collect();
         let n = grid.len();
+        let no_fly = Fence::new(plan.no_fly.iter().map(|z| Zone::keep_out(z)).collect());
         let mut router = Self {
             plan,
+            no_fly,
+            room_m: vec![f32::INFINITY; n],
+            measured_m: vec![f32::INFINITY; n],
+            is_fence_off: false,
             grid,
             radius_m,
             reach_m: 0.0,
@@ -134,8 +162,86 @@ impl Router {
             cells: Vec::with_capacity(n),
             path_cost: Vec::with_capacity(n),
         };
+        router.set_fence(&Fence::default(), &MapAnchor::new(0.0, 0.0, 0.0));
         router.set_params(params);
         router
+    }
+
+    /// Takes over a fence in NED about home; `anchor` tells how the plan lies there. The plan's own no-fly zones stay.
+    pub fn set_fence(&mut self, fence: &Fence, anchor: &MapAnchor) {
+        let is_free = fence.is_empty() && self.no_fly.is_empty();
+        for (room, i) in self.room_m.iter_mut().zip(0..) {
+            *room = if is_free {
+                f32::INFINITY
+            } else {
+                let p = self.grid.centre(i);
+                let ned = anchor.to_ned(p);
+                let drawn = fence.room_m([ned.x(), ned.y()]);
+                drawn.min(self.no_fly.room_m([p.x(), p.y()])) as f32
+            };
+        }
+        self.keep_off(self.margin_m);
+        self.is_narrow = false;
+    }
+
+    /// Measures the ways from a place to everywhere the vehicle fits, without margins: some milliseconds on a large plan.
+    pub fn measure_from(&mut self, place: In<Map>) {
+        self.measured_m.fill(f32::INFINITY);
+        self.open.clear();
+        let Some(start) = self.grid.index(place) else {
+            return;
+        };
+        let reach_m = self.radius_m as f32;
+        self.measured_m[start as usize] = 0.0;
+        self.open.push(Node {
+            total: 0.0,
+            so_far: 0.0,
+            cell: start,
+        });
+        while let Some(node) = self.open.pop() {
+            if node.so_far > self.measured_m[node.cell as usize] {
+                continue;
+            }
+            let (c, r) = self.grid.split(node.cell);
+            for (dc, dr) in NEIGHBOURS {
+                let Some(next) = self.grid.at(c + dc, r + dr) else {
+                    continue;
+                };
+                let i = next as usize;
+                if self.clearance_m[i].min(self.room_m[i]) < reach_m {
+                    continue;
+                }
+                let length = if dc != 0 && dr != 0 {
+                    core::f32::consts::SQRT_2
+                } else {
+                    1.0
+                };
+                let so_far = node.so_far + length * self.grid.cell_m as f32;
+                if so_far < self.measured_m[i] {
+                    self.measured_m[i] = so_far;
+                    self.open.push(Node {
+                        total: so_far,
+                        so_far,
+                        cell: next,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Length of the way from the place last measured from, m; none where none leads.
+    #[must_use]
+    pub fn measured_m(&self, p: In<Map>) -> Option<f64> {
+        let m = self.measured_m[self.grid.index(p)? as usize];
+        m.is_finite().then_some(f64::from(m))
+    }
+
+    /// Room to the border of the fence or of a no-fly zone, m; infinite without one, negative beyond it.
+    #[must_use]
+    pub fn room_m(&self, p: In<Map>) -> f64 {
+        self.grid
+            .index(p)
+            .map_or(f64::INFINITY, |i| f64::from(self.room_m[i as usize]))
     }
 
     /// Takes over margin and clearance weight.
@@ -149,8 +255,14 @@ impl Router {
         let reach = self.radius_m + margin_m;
         self.reach_m = reach;
         let weight = self.clearance_weight;
-        for (cost, clearance) in self.cost.iter_mut().zip(&self.clearance_m) {
-            let d = f64::from(*clearance);
+        let is_fence_off = self.is_fence_off;
+        let distances = self.clearance_m.iter().zip(&self.room_m);
+        for (cost, (clearance, room)) in self.cost.iter_mut().zip(distances) {
+            let d = f64::from(if is_fence_off {
+                *clearance
+            } else {
+                clearance.min(*room)
+            });
             *cost = if d >= reach {
                 (1.0 + weight * libm::exp(-3.0 * (d - reach))) as f32
             } else {
@@ -159,11 +271,12 @@ impl Router {
         }
     }
 
-    /// Distance from a point to the nearest wall's face, m; none where the plan knows no free floor.
+    /// Distance from a point to the nearest wall's face or border, m; none where the plan knows no free floor.
     #[must_use]
     pub fn clearance_m(&self, p: In<Map>) -> Option<f64> {
-        let d = self.clearance_m[self.grid.index(p)? as usize];
-        (d >= 0.0).then_some(f64::from(d))
+        let i = self.grid.index(p)? as usize;
+        let d = self.clearance_m[i];
+        (d >= 0.0).then(|| f64::from(d.min(self.room_m[i]).max(0.0)))
     }
 
     /// Whether the vehicle can be at a place at all.
@@ -173,6 +286,10 @@ impl Router {
     pub fn check_place(&self, p: In<Map>) -> Result<(), RouteError> {
         if !p.is_finite() {
             return Err(RouteError::NotFinite);
+        }
+        let room_m = self.room_m(p);
+        if room_m < self.radius_m {
+            return Err(RouteError::OutsideFence { room_m });
         }
         match self.clearance_m(p) {
             None => match self.plan.at(p) {
@@ -213,8 +330,15 @@ impl Router {
             return Err(RouteError::NotFinite);
         }
         self.check_place(to)?;
-        if self.is_narrow {
+        // Whoever is beyond a border may come back over it.
+        let is_beyond = self.room_m(from) < 0.0;
+        if self.is_narrow || is_beyond != self.is_fence_off {
+            self.is_fence_off = is_beyond;
             self.keep_off(self.margin_m);
+            self.is_narrow = false;
+        }
+        if let Some(path) = self.straight(from, to, obstacles) {
+            return Ok(path);
         }
         let found = self.find_around(from, to, obstacles);
         self.is_narrow = matches!(found, Err(RouteError::NoWay));
@@ -224,6 +348,34 @@ impl Router {
         // The narrow costs stay until the next search: the way is followed by what it was found with.
         self.keep_off(0.5 * self.margin_m);
         self.find_around(from, to, obstacles)
+    }
+
+    /// The straight line between two places of which one lies within the margin of a wall: whoever flies there, as a sweep along
+    /// a wall does, means that line. None if something is nearer to it than the hull needs.
+    fn straight(&mut self, from: In<Map>, to: In<Map>, obstacles: &[In<Map>]) -> Option<Path> {
+        let keep_m = self.radius_m + SEEN_TIGHT_M - 0.5 * self.grid.cell_m;
+        let is_close = |p: In<Map>| self.clearance_m(p).is_some_and(|d| d < self.reach_m);
+        if self.is_fence_off || !(is_close(from) || is_close(to)) {
+            return None;
+        }
+        let length = libm::hypot(to.x() - from.x(), to.y() - from.y());
+        let steps = libm::ceil(length / (0.5 * self.grid.cell_m)).max(1.0);
+        // The vehicle is not quite on the line when it begins.
+        let begin_m = 0.25;
+        let is_open = (1..=steps as usize).all(|k| {
+            let t = k as f64 / steps;
+            let p = from + (to - from) * t;
+            let clear_m = self.clearance_m(p).unwrap_or(-1.0);
+            let is_clear = clear_m >= keep_m || (t * length < begin_m && clear_m >= self.radius_m);
+            let far = |o: &In<Map>| libm::hypot(o.x() - p.x(), o.y() - p.y()) > keep_m;
+            is_clear && obstacles.iter().all(far)
+        });
+        is_open.then(|| {
+            self.lay_seen(obstacles, from);
+            let mut path = Path::new();
+            path.extend([from, to.with_z(0.0)]);
+            path
+        })
     }
 
     fn find_around(

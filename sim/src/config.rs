@@ -1,12 +1,13 @@
 //! What to simulate, and why it may not be possible.
 
+use crate::device::LaserConfig;
 use crate::fc::FcConfig;
 use crate::room::Room;
 use crate::walker::Walker;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use vehicle::floor_plan::Cell;
-use vehicle::{Airframe, In, MapPose, RingConfig, RingError};
+use vehicle::{Airframe, In, MapPose, RingConfig, RingError, UquadAirframe};
 
 /// Turbulence of still indoor air with the vehicle's own wash, N (one standard deviation of the force).
 pub const INDOOR_TURBULENCE_N: f64 = 0.03;
@@ -48,6 +49,15 @@ pub struct VehicleConfig {
     /// [`felt`](crate::Simulator::felt) to it and [`motors`](crate::Simulator::command_motors) back.
     #[serde(default)]
     pub outside_fc: bool,
+    /// It has no flight controller at all: a body commanded in motor speeds ([`turn_motors`](crate::Simulator::turn_motors)).
+    #[serde(skip)]
+    pub motor_craft: Option<UquadAirframe>,
+    /// Lidars with a line of their own, besides the ring: their bytes come out ([`SimOutput::Laser`](crate::SimOutput::Laser)).
+    #[serde(default)]
+    pub lasers: Vec<LaserConfig>,
+    /// The rangers of the ring fire only when they are triggered ([`trigger`](crate::Simulator::trigger)), as sonars on GPIO lines do.
+    #[serde(default)]
+    pub ring_waits: bool,
 }
 
 impl VehicleConfig {
@@ -62,6 +72,9 @@ impl VehicleConfig {
             charge: 1.0,
             fc: FcConfig::default(),
             outside_fc: false,
+            motor_craft: None,
+            lasers: Vec::new(),
+            ring_waits: false,
         }
     }
 }

@@ -2,6 +2,9 @@
 
 use crate::config::VehicleConfig;
 use crate::controller::Controller;
+use crate::device::Laser;
+use crate::fc::uart::BURST;
+use crate::motor_craft::MotorCraft;
 use crate::quad::Quad;
 use crate::quad::contact::Contact;
 use crate::sensor::{
@@ -14,7 +17,7 @@ use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::sample::MAX_COLUMNS;
-use vehicle::{Airframe, In, MapAnchor, MapPose, Timestamp};
+use vehicle::{Airframe, In, MapAnchor, MapPose, RangerReading, Timestamp};
 
 /// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
 const IN_TRANSIT: usize = 512;
@@ -25,7 +28,13 @@ pub(crate) struct Craft {
     pub(crate) quad: Quad,
     pub(crate) fc: Controller,
     pub(crate) contact: Contact,
+    /// The body in place of the quad's own, with the speeds it is commanded, rad/s.
+    pub(crate) motors: Option<(MotorCraft, [f64; 4])>,
     rangers: Vec<Ranger>,
+    ring_waits: bool,
+    lasers: Vec<Laser>,
+    /// Where lidars put their bytes.
+    line: Vec<u8>,
     down: Option<DownRanger>,
     flow: Option<FlowCamera>,
     faults: Vec<Fault>,
@@ -60,9 +69,20 @@ impl Craft {
         Self {
             fc: Controller::new(config, seed, index, &quad, field),
             contact: Contact::new(&quad),
+            motors: config.motor_craft.map(|frame| {
+                let mut body = MotorCraft::landed(frame, -yaw_rad);
+                body.put(&quad);
+                (body, [0.0; 4])
+            }),
             rangers: rangers
                 .map(|(i, ranger)| Ranger::new(ranger, i, seed, index))
                 .collect(),
+            ring_waits: config.ring_waits,
+            lasers: (0..)
+                .zip(&config.lasers)
+                .map(|(i, laser)| Laser::new(*laser, seed, index, i))
+                .collect(),
+            line: Vec::new(),
             down: config.down_range.then(|| DownRanger::new(seed, index)),
             flow: config.flow.then(|| FlowCamera::new(seed, index)),
             faults: Vec::new(),
@@ -80,14 +100,24 @@ impl Craft {
                 *motor = 0.0;
             }
         }
-        let bump = self.quad.step(motors);
+        let bump = match &mut self.motors {
+            None => self.quad.step(motors),
+            Some((body, speeds)) => self.quad.follow(body, *speeds),
+        };
         let Shared {
             world,
             anchor,
             index,
         } = shared;
+        let before = (self.quad.position(), self.quad.velocity());
         self.contact
             .resolve(&mut self.quad, bump, world, *index, anchor);
+        if let Some((body, _)) = &mut self.motors
+            && before != (self.quad.position(), self.quad.velocity())
+        {
+            // Walls and people have pushed it.
+            body.put(&self.quad);
+        }
     }
 
     /// Fires what is due and hands over what has arrived.
@@ -97,7 +127,10 @@ impl Craft {
         shared: &Shared<'_>,
         out: &mut impl FnMut(usize, SimOutput),
     ) {
-        self.fire_rangers(now, shared);
+        if !self.ring_waits {
+            self.fire_rangers(now, shared);
+        }
+        self.turn_lasers(now, shared, out);
         if let Some(down) = &mut self.down
             && down.is_due(now)
         {
@@ -136,13 +169,68 @@ impl Craft {
                 View::new(shared.world, shared.index, &self.quad, shared.anchor)
             });
             let (mut reading, latency) = self.rangers[i].fire(now, view);
-            let stuck = self.faults.contains(&Fault::RangerStuck(i as u8));
-            match &mut self.stuck[i] {
-                Some(columns) if stuck => reading.columns_mm.clone_from(columns),
-                last => *last = Some(reading.columns_mm.clone()),
-            }
+            self.hold_stuck(&mut reading);
             let output = SimOutput::Ranger(reading);
             post(&mut self.in_transit, now + latency, output);
+        }
+    }
+
+    /// What is stuck says what it said last.
+    fn hold_stuck(&mut self, reading: &mut RangerReading) {
+        let is_stuck = self.faults.contains(&Fault::RangerStuck(reading.ranger));
+        let Some(last) = self.stuck.get_mut(usize::from(reading.ranger)) else {
+            return;
+        };
+        match last {
+            Some(columns) if is_stuck => reading.columns_mm.clone_from(columns),
+            last => *last = Some(reading.columns_mm.clone()),
+        }
+    }
+
+    /// Bytes of lidars leave as they are measured.
+    fn turn_lasers(
+        &mut self,
+        now: Timestamp,
+        shared: &Shared<'_>,
+        out: &mut impl FnMut(usize, SimOutput),
+    ) {
+        if self.lasers.is_empty() {
+            return;
+        }
+        let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
+        for (laser, device) in (0u8..).zip(&mut self.lasers) {
+            self.line.clear();
+            device.step(now, &view, &mut self.line);
+            if self.faults.contains(&Fault::LaserSilent(laser)) {
+                continue;
+            }
+            for bytes in self.line.chunks(BURST) {
+                let bytes = bytes.iter().copied().collect();
+                out(shared.index, SimOutput::Laser { laser, bytes });
+            }
+        }
+    }
+
+    /// Fires a ranger of the ring now.
+    pub(crate) fn trigger(
+        &mut self,
+        now: Timestamp,
+        ranger: u8,
+        shared: &Shared<'_>,
+    ) -> Option<RangerReading> {
+        if self.faults.contains(&Fault::RangerSilent(ranger)) {
+            return None;
+        }
+        let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
+        let ranger = self.rangers.get_mut(usize::from(ranger))?;
+        let mut reading = ranger.fire(now, &view).0;
+        self.hold_stuck(&mut reading);
+        Some(reading)
+    }
+
+    pub(crate) fn write_laser(&mut self, now: Timestamp, laser: usize, bytes: &[u8]) {
+        if let Some(laser) = self.lasers.get_mut(laser) {
+            laser.write(now, bytes);
         }
     }
 
@@ -171,6 +259,9 @@ impl Craft {
         self.quad.set_yaw(yaw_rad);
         self.fc.carried(yaw_rad);
         self.contact.moved(&self.quad);
+        if let Some((body, _)) = &mut self.motors {
+            body.put(&self.quad);
+        }
     }
 }
 

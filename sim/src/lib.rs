@@ -28,6 +28,7 @@
 pub mod config;
 mod controller;
 mod craft;
+pub mod device;
 pub mod esc_bus;
 pub mod fc;
 pub mod firmware;
@@ -44,6 +45,7 @@ mod walls;
 mod world;
 
 pub use config::{INDOOR_TURBULENCE_N, SimConfig, SimError, VehicleConfig};
+pub use device::{LaserConfig, LaserMount};
 pub use esc_bus::{BusWrite, EscBus};
 pub use fc::{Delivery, FcConfig, Manner, Radio};
 pub use motor_craft::MotorCraft;

@@ -4,6 +4,7 @@
 //! counter-clockwise. What the thesis's model leaves out is here: motors follow with a lag, air resists, a push, the floor.
 
 use crate::imu_board::Environment;
+use crate::quad::Quad;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use vehicle::UquadAirframe;
 use vehicle::uquad::GRAVITY_MPS2;
@@ -46,6 +47,11 @@ impl Motion {
         let w = self.rates_radps;
         [p.x, p.y, p.z, psi, phi, theta, v.x, v.y, v.z, w.x, w.y, w.z]
     }
+}
+
+/// From north, west, up (forward, left, up) to north, east, down (forward, right, down), and back.
+pub(crate) fn flipped(v: Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(v.x, -v.y, -v.z)
 }
 
 /// The craft.
@@ -134,6 +140,23 @@ impl MotorCraft {
         let acceleration = (m.velocity_mps - before) / STEP_S;
         let felt = acceleration + Vector3::new(0.0, 0.0, GRAVITY_MPS2);
         self.specific_force = m.attitude.inverse() * felt;
+    }
+
+    /// Where a body of the simulator's world is: this one is there and moves so.
+    pub(crate) fn put(&mut self, quad: &Quad) {
+        let m = &mut self.motion;
+        m.position_m = flipped(*quad.position().vector());
+        m.position_m.z = quad.height_m() - quad.airframe().landed_height_m;
+        m.velocity_mps = flipped(*quad.velocity().vector());
+        let attitude = quad.attitude();
+        let q = attitude.quaternion().quaternion();
+        m.attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.i, -q.j, -q.k));
+        m.rates_radps = flipped(*quad.rates().vector());
+    }
+
+    /// Specific force in the body, forward left up, m/s2.
+    pub(crate) const fn specific_force(&self) -> Vector3<f64> {
+        self.specific_force
     }
 
     /// The truth.

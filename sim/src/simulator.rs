@@ -5,6 +5,7 @@ use crate::craft::{Craft, Shared};
 use crate::fc::Radio;
 use crate::fc::uart::BURST;
 use crate::firmware::Felt;
+use crate::imu_board::Environment;
 use crate::room::{Room, RoomFacts};
 use crate::sensor::MagneticField;
 use crate::world::World;
@@ -14,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vehicle::{
     DownRange, FloorPlan, FlowSample, Frd, In, MapAnchor, MapPose, Ned, RangerReading, Rot,
-    Timestamp,
+    Segment, Timestamp,
 };
 
 /// Step of the simulation.
@@ -22,10 +23,6 @@ pub const STEP: Duration = Duration::from_millis(1);
 /// Something a vehicle delivers to its companion computer. `at` is when it was measured (complete, for bytes); it is handed over
 /// later by the latency of the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would allocate for every answer of the flight controller"
-)]
 pub enum SimOutput {
     /// From the down-looking ranger.
     DownRange(DownRange),
@@ -40,6 +37,13 @@ pub enum SimOutput {
     Flow(FlowSample),
     /// From one ranger of the ring.
     Ranger(RangerReading),
+    /// From the line of a lidar of its own.
+    Laser {
+        /// Which.
+        laser: u8,
+        /// The bytes.
+        bytes: ArrayVec<u8, BURST>,
+    },
 }
 
 /// Something that can be broken and mended in flight.
@@ -59,6 +63,8 @@ pub enum Fault {
     MotorDead(u8),
     /// Noise on the UART: of each 0.12 s of the flight controller's bytes only 15 ms arrive.
     FcNoisy,
+    /// The line of a lidar of its own is silent.
+    LaserSilent(u8),
 }
 
 impl Fault {
@@ -150,7 +156,12 @@ impl Simulator {
                 )
             })
             .collect();
-        let world = World::new(config.room.walls().clone(), config.people, crafts.len());
+        let world = World::new(
+            config.room.walls().clone(),
+            config.room.opaque().cloned(),
+            config.people,
+            crafts.len(),
+        );
         let mut sim = Self {
             now: Timestamp::ZERO,
             world,
@@ -208,6 +219,27 @@ impl Simulator {
         self.crafts[vehicle].write_fc(self.now, bytes);
     }
 
+    /// Triggers a ranger of the ring, now: what it measures; none if it is silent or there is no such.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn trigger(&mut self, vehicle: usize, ranger: u8) -> Option<RangerReading> {
+        let shared = Shared {
+            world: &self.world,
+            anchor: &self.anchor,
+            index: vehicle,
+        };
+        self.crafts[vehicle].trigger(self.now, ranger, &shared)
+    }
+
+    /// The companion computer writes to the line of a lidar, now.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn write_laser(&mut self, vehicle: usize, laser: usize, bytes: &[u8]) {
+        self.crafts[vehicle].write_laser(self.now, laser, bytes);
+    }
+
     /// What the sensors of a flight controller outside feel now; none for the fake one, which has its own.
     ///
     /// # Panics
@@ -225,12 +257,40 @@ impl Simulator {
         self.crafts[vehicle].fc.command(commands);
     }
 
+    /// Speeds that the motors of a vehicle without flight controller are told to turn at, rad/s: front, left, rear, right.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    pub fn turn_motors(&mut self, vehicle: usize, speeds_radps: [f64; 4]) {
+        if let Some((_, speeds)) = &mut self.crafts[vehicle].motors {
+            *speeds = speeds_radps;
+        }
+    }
+
+    /// What the chips of an inertial unit on a vehicle without flight controller feel; none with one.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn environment(&self, vehicle: usize) -> Option<Environment> {
+        let (body, _) = self.crafts[vehicle].motors.as_ref()?;
+        Some(body.environment())
+    }
+
     /// Breaks or mends something.
     ///
     /// # Panics
     /// If there is no such vehicle.
     pub fn set_fault(&mut self, vehicle: usize, fault: Fault, active: bool) {
         self.crafts[vehicle].set_fault(fault, active);
+    }
+
+    /// Something stands in the room from now on that was not there before (segments on the plan, m).
+    pub fn raise(&mut self, obstacles: &[Segment]) {
+        self.world.raise(obstacles);
+        for craft in &mut self.crafts {
+            craft.contact.look_again();
+        }
     }
 
     /// Carries a vehicle elsewhere (the kidnapped robot): same height, at rest, without any sensor noticing the way.
@@ -285,7 +345,10 @@ impl Simulator {
             in_contact: craft.contact.in_contact(),
             contacts: craft.contact.episodes(),
             on_floor: quad.is_on_floor(),
-            armed: craft.fc.is_armed(),
+            armed: match &craft.motors {
+                Some((_, speeds)) => speeds.iter().any(|w| *w > 0.0),
+                None => craft.fc.is_armed(),
+            },
             voltage_v: quad.battery().voltage_v(),
             charge: quad.battery().remaining(),
         }

@@ -62,6 +62,11 @@ impl Walls {
         walls
     }
 
+    /// These and more.
+    pub(crate) fn with(&self, more: &[Segment]) -> Self {
+        Self::new(self.segments.iter().chain(more).copied().collect())
+    }
+
     fn sort_into_cells(&mut self) {
         let mut cells = vec![Vec::new(); self.columns * self.rows];
         let reach_m = self.cell_m * 0.708;

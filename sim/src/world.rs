@@ -3,7 +3,7 @@
 use crate::geometry::{self, Point};
 use crate::walker::{PERSON_HEIGHT_M, PERSON_RADIUS_M, Walker};
 use crate::walls::Walls;
-use vehicle::{In, Map, Timestamp};
+use vehicle::{In, Map, Segment, Timestamp};
 
 /// Height of the ceiling above the floor, m.
 pub const CEILING_M: f64 = 2.5;
@@ -14,6 +14,8 @@ pub(crate) const VEHICLE_HALF_HEIGHT_M: f64 = 0.10;
 #[derive(Clone, Debug)]
 pub(crate) struct World {
     walls: Walls,
+    /// Without glass, if there is any.
+    opaque: Option<Walls>,
     people: Vec<Walker>,
     /// People first, then vehicles.
     discs: Vec<Disc>,
@@ -47,15 +49,27 @@ pub(crate) struct Obstacle {
 }
 
 impl World {
-    pub(crate) fn new(walls: Walls, people: Vec<Walker>, vehicles: usize) -> Self {
+    pub(crate) fn new(
+        walls: Walls,
+        opaque: Option<Walls>,
+        people: Vec<Walker>,
+        vehicles: usize,
+    ) -> Self {
         let discs = vec![Disc::default(); people.len() + vehicles];
         let mut world = Self {
             walls,
+            opaque,
             people,
             discs,
         };
         world.move_people(Timestamp::ZERO);
         world
+    }
+
+    /// Something stands there from now on.
+    pub(crate) fn raise(&mut self, obstacles: &[Segment]) {
+        self.walls = self.walls.with(obstacles);
+        self.opaque = self.opaque.take().map(|walls| walls.with(obstacles));
     }
 
     /// Puts everybody where they are now.
@@ -98,14 +112,37 @@ impl World {
         direction: In<Map>,
         max_m: f64,
     ) -> Option<Hit> {
+        self.cast_at(&self.walls, observer, origin, direction, max_m)
+    }
+
+    /// The same for light, which passes through glass.
+    pub(crate) fn cast_light(
+        &self,
+        observer: usize,
+        origin: In<Map>,
+        direction: In<Map>,
+        max_m: f64,
+    ) -> Option<Hit> {
+        let walls = self.opaque.as_ref().unwrap_or(&self.walls);
+        self.cast_at(walls, observer, origin, direction, max_m)
+    }
+
+    fn cast_at(
+        &self,
+        walls: &Walls,
+        observer: usize,
+        origin: In<Map>,
+        direction: In<Map>,
+        max_m: f64,
+    ) -> Option<Hit> {
         let start = [origin.x(), origin.y()];
         let level = direction.norm_xy();
         let mut best = Self::cast_floor_and_ceiling(origin.z(), direction.z());
         if level > 1e-6 {
             let flat = [direction.x() / level, direction.y() / level];
             let reach_m = best.map_or(max_m, |b| b.distance_m.min(max_m)) * level;
-            if let Some(wall) = self.walls.cast(start, flat, reach_m) {
-                let s = &self.walls.segments()[wall.segment as usize];
+            if let Some(wall) = walls.cast(start, flat, reach_m) {
+                let s = &walls.segments()[wall.segment as usize];
                 let along = [s.b[0] - s.a[0], s.b[1] - s.a[1]];
                 let length = geometry::distance(s.a, s.b);
                 let across = (flat[0] * along[1] - flat[1] * along[0]).abs() / length;
@@ -205,7 +242,7 @@ mod tests {
             start: Duration::ZERO,
             then: crate::Then::Stay,
         };
-        let mut world = World::new(Walls::new(vec![wall]), vec![person], 2);
+        let mut world = World::new(Walls::new(vec![wall]), None, vec![person], 2);
         world.move_vehicle(0, In::new(0.0, 0.0, 1.0), 0.16);
         world.move_vehicle(1, In::new(0.0, 2.0, 1.05), 0.16);
         world

@@ -29,6 +29,7 @@ fn sent_at(output: &SimOutput) -> Timestamp {
         SimOutput::FcBytes { at, .. } => *at,
         SimOutput::Flow(s) => s.at,
         SimOutput::Ranger(s) => s.at,
+        SimOutput::Laser { .. } => unreachable!("no lidar is mounted"),
     }
 }
 
@@ -51,7 +52,7 @@ fn delays_and_rates_are_those_of_the_table() {
             SimOutput::DownRange(_) => note(1, &output),
             SimOutput::Ranger(r) if r.columns_mm[0].is_none() => note(2, &output),
             SimOutput::Ranger(_) => note(3, &output),
-            SimOutput::FcBytes { .. } => {}
+            SimOutput::FcBytes { .. } | SimOutput::Laser { .. } => {}
         });
         tof.advance(now, &mut |_, output| {
             if matches!(output, SimOutput::Ranger(_)) {

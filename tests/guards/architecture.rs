@@ -216,6 +216,8 @@ fn the_truth_of_the_simulator_is_read_only_to_write_it_down() {
             "JobDone",
             "Wake",
             "FcClosed",
+            "Gnss",
+            "Pose",
             "Host"
         ]
     );
@@ -233,6 +235,21 @@ fn only_the_supervisor_clears_sticks_and_only_the_arbiter_orders() {
     }
 }
 
+/// How many paths a line names between back ticks; each must exist.
+fn places_that_exist(page: &str, line: &str) -> usize {
+    let mut seen = 0;
+    for path in line
+        .split('`')
+        .skip(1)
+        .step_by(2)
+        .filter(|p| p.contains('/'))
+    {
+        seen += 1;
+        assert!(root().join(path).exists(), "{page} names {path}");
+    }
+    seen
+}
+
 #[test]
 fn every_place_named_in_where_is_it_exists() {
     let text = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
@@ -243,17 +260,19 @@ fn every_place_named_in_where_is_it_exists() {
         .take_while(|l| !l.starts_with("## "))
         .filter(|l| l.starts_with('|'))
     {
-        for path in line
-            .split('`')
-            .skip(1)
-            .step_by(2)
-            .filter(|p| p.contains('/'))
-        {
-            seen += 1;
-            assert!(root().join(path).exists(), "ARCHITECTURE.md names {path}");
-        }
+        seen += places_that_exist("ARCHITECTURE.md", line);
     }
     assert!(seen > 8, "{seen} places");
+}
+
+#[test]
+fn every_place_named_in_the_page_of_the_theses_exists() {
+    let text = std::fs::read_to_string(root().join("docs/theses.md")).unwrap();
+    let mut seen = 0;
+    for line in text.lines().filter(|l| l.starts_with('|')) {
+        seen += places_that_exist("docs/theses.md", line);
+    }
+    assert!(seen > 97, "{seen} places");
 }
 
 #[test]

@@ -74,11 +74,14 @@ pub fn places(room: &str) -> Vec<[f64; 2]> {
 #[derive(Clone, Debug)]
 pub struct Scenario {
     room: String,
+    own_room: Option<Room>,
     seed: u64,
     ring: String,
     start: Option<MapPose>,
     is_unknown: bool,
     people: Vec<Walker>,
+    boxes: Vec<[f64; 3]>,
+    no_fly: Vec<Vec<[f64; 2]>>,
     flow: bool,
     charge: f64,
     manner: Manner,
@@ -99,17 +102,29 @@ impl Scenario {
     pub fn room(name: &str) -> Self {
         Self {
             room: name.to_owned(),
+            own_room: None,
             seed: 1,
             ring: "tof32".to_owned(),
             start: None,
             is_unknown: false,
             people: Vec::new(),
+            boxes: Vec::new(),
+            no_fly: Vec::new(),
             flow: true,
             charge: 1.0,
             manner: Manner::default(),
             delivery: Delivery::default(),
             params: Vec::new(),
             is_recorded: false,
+        }
+    }
+
+    /// A room made for the test.
+    #[must_use]
+    pub fn in_room(room: Room) -> Self {
+        Self {
+            own_room: Some(room.clone()),
+            ..Self::room(room.name())
         }
     }
 
@@ -145,6 +160,20 @@ impl Scenario {
     #[must_use]
     pub fn person(mut self, walker: Walker) -> Self {
         self.people.push(walker);
+        self
+    }
+
+    /// A box that the plan does not show: centre x, y and side, plan metres.
+    #[must_use]
+    pub fn unmapped(mut self, place: [f64; 3]) -> Self {
+        self.boxes.push(place);
+        self
+    }
+
+    /// A zone on the plan that is not to be flown over, corners in plan metres.
+    #[must_use]
+    pub fn no_fly(mut self, corners: &[[f64; 2]]) -> Self {
+        self.no_fly.push(corners.to_vec());
         self
     }
 
@@ -204,8 +233,13 @@ impl Scenario {
         } else {
             ""
         };
+        let boxes: String = self
+            .boxes
+            .iter()
+            .map(|[x, y, side]| format!(" --obstacle {x:.2},{y:.2},{side:.2}"))
+            .collect();
         format!(
-            "kestrel sim {} --seed {} --rangers {} --manner {}{start}",
+            "kestrel sim {} --seed {} --rangers {} --manner {}{start}{boxes}",
             self.room, self.seed, self.ring, self.manner
         )
     }
@@ -216,7 +250,11 @@ impl Scenario {
     /// If the scenario makes no sense.
     #[must_use]
     pub fn start(self) -> Flight {
-        let room = Room::named(&self.room).expect("a bundled room");
+        let own = self.own_room.clone();
+        let room = own
+            .unwrap_or_else(|| Room::named(&self.room).expect("a bundled room"))
+            .with_boxes(&self.boxes)
+            .with_no_fly(&self.no_fly);
         let ring = RingConfig::built_in(&self.ring).expect("a built-in ring");
         let pose = self.start.unwrap_or_else(|| room.home());
         let start = if self.is_unknown {
@@ -441,6 +479,27 @@ impl Flight {
         self.fail(&format!("command {command} was not answered"))
     }
 
+    /// Sends a go-to (DO_REPOSITION in its INT form, height kept) and waits for its result.
+    pub fn reposition(&mut self, params: [f32; 7], (lat, lon): (f64, f64)) -> u8 {
+        let command = mavlink_dialect::command::cmd::DO_REPOSITION;
+        self.station.send(&raw::COMMAND_INT_DATA {
+            param1: params[0],
+            param2: params[1],
+            param3: params[2],
+            param4: params[3],
+            x: (lat * 1e7).round() as i32,
+            y: (lon * 1e7).round() as i32,
+            z: params[6],
+            command,
+            target_system: 1,
+            target_component: 1,
+            frame: 6,
+            ..Default::default()
+        });
+        self.station.expect(command);
+        self.result(command)
+    }
+
     /// Sets a mode and waits for the result.
     pub fn set_mode(&mut self, mode: Px4Mode) -> u8 {
         let now = self.now();
@@ -484,6 +543,18 @@ impl Flight {
             self.step();
         }
         self.fail("the upload was not answered")
+    }
+
+    /// Uploads a fence or rally points and waits for the answer (MAV_MISSION_RESULT).
+    pub fn upload_list(&mut self, kind: u8, items: Vec<raw::MISSION_ITEM_INT_DATA>) -> u8 {
+        let items = items
+            .into_iter()
+            .map(|item| raw::MISSION_ITEM_INT_DATA {
+                mission_type: kind,
+                ..item
+            })
+            .collect();
+        self.upload(items)
     }
 
     /// Waits until landed and disarmed.

@@ -3,6 +3,7 @@
 Nothing here is shared with Kestrel; layouts are those of the firmware's own `msp.c` and `sitl.c`.
 """
 
+import contextlib
 import ctypes
 import socket
 import struct
@@ -17,6 +18,10 @@ STATUS, MOTOR, ATTITUDE, RXFAIL_CONFIG, EEPROM_WRITE, REBOOT = 101, 104, 108, 77
 
 class Refused(AssertionError):
     """The controller answered with an error frame."""
+
+
+class Mute(AssertionError):
+    """The controller does not answer."""
 
 
 class Msp:
@@ -52,7 +57,7 @@ class Msp:
             answer = self._answer(command, time.monotonic() + 1.5)
             if answer is not None:
                 return answer
-        raise AssertionError(f"no answer to MSP {command}")
+        raise Mute(f"no answer to MSP {command}")
 
     def _answer(self, command, end):
         while time.monotonic() < end:
@@ -134,14 +139,15 @@ class Firmware:
                     out.sendto(struct.pack("<d16H", 1.0, *self.channels), ("127.0.0.1", 9004))
 
     def make_sure_it_runs(self):
-        """About one start in twelve gets stuck (cycle time 0, boot grace for ever): such a one is started again."""
+        """About one start in twelve gets stuck (cycle time 0, boot grace for ever, or mute): such a one is started again."""
         for _ in range(6):
             end = time.monotonic() + 4.0
-            while time.monotonic() < end:
-                with Msp() as line:
-                    if struct.unpack_from("<H", line.ask(STATUS))[0]:
-                        return
-                time.sleep(0.2)
+            with contextlib.suppress(Mute):
+                while time.monotonic() < end:
+                    with Msp() as line:
+                        if struct.unpack_from("<H", line.ask(STATUS))[0]:
+                            return
+                    time.sleep(0.2)
             self.process.kill()
             time.sleep(1.0)
         raise AssertionError("the firmware's scheduler does not run, six starts in a row")

@@ -242,7 +242,7 @@ class Station:
     def command(self, command, *params, expect="ACCEPTED", within_s=3.0):
         """COMMAND_LONG and its acknowledgement; one that is IN_PROGRESS is waited for."""
         values = [float(p) for p in params] + [0.0] * (7 - len(params))
-        with self.listen("COMMAND_ACK", when=lambda m: m.command == command) as acks:
+        with self.listen("COMMAND_ACK", when=lambda m: m.command == command and self._is_for_us(m)) as acks:
             with self.sending() as out:
                 out.command_long_send(1, 1, command, 0, *values)
             return self._judge(acks, command, expect, within_s)
@@ -250,10 +250,14 @@ class Station:
     def command_int(self, command, *params, x=0, y=0, z=0.0, frame=mav.MAV_FRAME_GLOBAL, expect="ACCEPTED", within_s=3.0):
         """COMMAND_INT and its acknowledgement."""
         values = [float(p) for p in params] + [0.0] * (4 - len(params))
-        with self.listen("COMMAND_ACK", when=lambda m: m.command == command) as acks:
+        with self.listen("COMMAND_ACK", when=lambda m: m.command == command and self._is_for_us(m)) as acks:
             with self.sending() as out:
                 out.command_int_send(1, 1, frame, command, 0, 0, *values, int(x), int(y), z)
             return self._judge(acks, command, expect, within_s)
+
+    def _is_for_us(self, ack):
+        """Acknowledgements go out on every link: another station's may come just now."""
+        return ack.target_system in (0, 255, self.conn.mav.srcSystem)
 
     def _judge(self, acks, command, expect, within_s):
         ack = self.take(acks, within_s, f"COMMAND_ACK for {command_name(command)}")

@@ -89,7 +89,8 @@ def test_links_that_cannot_be_opened():
         refused("sim", "--headless", "--mavlink", f"tcpserver://127.0.0.1:{port}", says=[str(port), "in use"])
     refused("sim", "--headless", "--mavlink", "udpserver://127.0.0.1:70000", says=["70000"], code=2, one_line=False)
     plan, udp = Room.export("office").plan, ("--mavlink", f"udpserver://127.0.0.1:{free_port()}")
-    refused("fly", "--fc", "serial:///dev/null", "--map", plan, says=["--mavlink"], code=2)
+    # Without --mavlink it would announce itself on the network; the controller is what is missing here.
+    refused("fly", "--fc", "serial:///dev/null", "--map", plan, says=["flight controller", "/dev/null"], code=1)
     refused("fly", "--fc", "serial:///dev/no-such-device?baudrate=115200", "--map", plan, *udp, says=["/dev/no-such-device"])
     return default_port_in_use()
 

@@ -162,3 +162,82 @@ def test_arm_takeoff_mission_and_keys():
     assert abs(forward - 0.6) < 0.25 and abs(right - 0.4) < 0.25, figures
     assert max(passed) <= 0.25 and truth.landing_error() <= 0.3 and truth.contacts() == 0, figures
     return figures
+
+
+def test_parameters_plans_files_and_logs_at_the_prompt():
+    """Row 3: `param show *`, `param set`, `wp`, `fence`, `rally`, `ftp`, `log`, `mode`, `status`, `graph`: the transcript."""
+    room = Room.export("office")
+    folder = Path(tempfile.mkdtemp(prefix="mavproxy-", dir=out_folder()))
+    state = folder / "state"
+    with Kestrel("office", seed=32, speed=1, servers=2, state_dir=state, name="mavproxy-services") as kestrel:
+        watch = kestrel.station(index=1, is_ground_station=False, system=200)
+        origin = watch.latest.get("GPS_GLOBAL_ORIGIN") or watch.next("GPS_GLOBAL_ORIGIN", within_s=12.0)
+        watch.wait_ready()
+        lat0, lon0 = origin.latitude * 1e-7, origin.longitude * 1e-7
+
+        def place(north, east):
+            return lat0 + math.degrees(north / 6378137.0), lon0 + math.degrees(east / (6378137.0 * math.cos(math.radians(lat0))))
+
+        prompt = Prompt(kestrel.ports[0], folder)
+        try:
+            prompt.expect("Detected vehicle 1:1", within_s=20.0)
+            prompt.expect("Received", "parameters", within_s=30.0)
+
+            mark = prompt.type("param show *")
+            shown = prompt.expect("VFH_WINDOW", since=mark)
+            assert shown.count("\n") > 80 and "SYS_AUTOSTART" in shown and "4001" in shown, shown[-500:]
+            mark = prompt.type("param set RTL_RETURN_ALT 1.5")
+            watch.sleep(1.0)
+            assert abs(watch.param("RTL_RETURN_ALT") - 1.5) < 1e-6
+            mark = prompt.type("param set NAV_DLL_ACT 1")
+            watch.sleep(1.0)
+            assert watch.param("NAV_DLL_ACT") == 1
+            mark = prompt.type(f"param save {folder / 'all.parm'}")
+            prompt.expect("Saved", since=mark)
+
+            path, items = way_point_file(folder, room, lat0, lon0)
+            mark = prompt.type(f"wp load {path}")
+            prompt.expect(f"Sent all {items} waypoints", since=mark)
+            mark = prompt.type(f"wp save {folder / 'back.txt'}")
+            prompt.expect(f"Saved {items} waypoints", since=mark)
+            lines = (folder / "back.txt").read_text().splitlines()
+            assert len(lines) == items + 1 and lines[2].split()[3] == "22"
+
+            fence = folder / "fence.txt"
+            corners = [place(*c) for c in ((-8, -8), (-8, 8), (8, 8), (8, -8))]
+            rows = ["QGC WPL 110"]
+            rows += [f"{i}\t0\t3\t5001\t4\t0\t0\t0\t{a:.8f}\t{o:.8f}\t0\t1" for i, (a, o) in enumerate(corners)]
+            fence.write_text("\n".join(rows) + "\n")
+            mark = prompt.type(f"fence load {fence}")
+            prompt.expect("Sent all", since=mark)
+            mark = prompt.type("fence list")
+            prompt.expect("Saved", "polygon", "5001", since=mark)
+            assert len(watch.download(kind=1)) == 4
+
+            rally = folder / "rally.txt"
+            lat, lon = place(0.5, 0.5)
+            rally.write_text(f"QGC WPL 110\n0\t0\t3\t5100\t0\t0\t0\t0\t{lat:.8f}\t{lon:.8f}\t1\t1\n")
+            mark = prompt.type(f"rally load {rally}")
+            prompt.expect("Sent all", since=mark)
+            assert len(watch.download(kind=2)) == 1
+
+            mark = prompt.type("ftp list /")
+            prompt.expect("Total size", since=mark)
+            into = folder / "general.json"
+            mark = prompt.type(f"ftp get /general.json {into}")
+            prompt.expect("Wrote", since=mark, within_s=20.0)
+            assert "metadataTypes" in into.read_text()
+            mark = prompt.type("log list")
+            prompt.expect("Log ", since=mark)
+
+            mark = prompt.type("mode")
+            prompt.expect("LOITER", "RTL", since=mark)
+            mark = prompt.type("status ATTITUDE")
+            prompt.expect("ATTITUDE", since=mark)
+            mark = prompt.type("module load graph")
+            prompt.expect("Loaded module graph", "module graph", "No module named", since=mark)
+        finally:
+            prompt.close()
+            (folder / "transcript.txt").write_text(prompt.transcript)
+        assert watch.conn.mav_loss == 0
+    return f"{len(prompt.transcript.splitlines())} lines of transcript, {shown.count(chr(10))} parameters shown"

@@ -44,8 +44,8 @@ pub use frames::{Frd, In, Map, MapAnchor, MapPose, Ned, Odom, Rot};
 pub use param::{ParamChoice, ParamError, ParamKind, ParamMeta, ParamSet, ParamValue};
 pub use ring::{RangerConfig, RangerKind, RingConfig, RingError};
 pub use sample::{
-    AttitudeSample, BaroSample, BatterySample, Beam, DownRange, FlowSample, ImuSample, RangeScan,
-    RangerReading,
+    AttitudeSample, BaroSample, BatterySample, Beam, DownRange, ExternalFrame, ExternalPose,
+    FlowSample, GnssFix, ImuSample, RangeScan, RangerReading,
 };
 pub use setpoint::{Heading, Setpoint};
 pub use state::{Localization, LocalizationState, NavHealth, NavState};

@@ -52,6 +52,8 @@ pub enum RangerKind {
     Tof,
     /// Ultrasonic (HC-SR04 class): the nearest echo inside a cone.
     Sonar,
+    /// A part of a turning laser's circle: one length along the ray per column.
+    Laser,
 }
 
 /// One ranger of the ring.
@@ -70,10 +72,10 @@ pub struct RangerConfig {
     /// Where the sensor sits, m from the body centre, forward right down.
     #[serde(default)]
     pub offset_m: [f64; 3],
-    /// Number of columns across the field of view (`tof`), 1 for `sonar`.
+    /// Number of columns across the field of view (`tof`, `laser`), 1 for `sonar`.
     #[serde(default = "one")]
     pub columns: u8,
-    /// Horizontal field of view that the columns divide evenly, degrees (`tof`).
+    /// Horizontal field of view that the columns divide evenly, degrees (`tof`, `laser`).
     #[serde(default)]
     pub field_of_view_deg: f64,
     /// Half the opening angle of the cone (`sonar`) or of one column (`tof`), degrees.
@@ -87,7 +89,7 @@ pub struct RangerConfig {
     /// When in its period it fires, 0..1; rangers that would hear each other get different phases.
     #[serde(default)]
     pub phase: f64,
-    /// Which driver delivers it: `sim` here; hardware drivers are named in the user guide.
+    /// Who delivers it: `sim`, or the name of a sensor of `kestrel fly`. For people; nothing depends on it.
     #[serde(default = "sim")]
     pub source: String,
 }
@@ -129,7 +131,7 @@ pub enum RingError {
 
 impl RingConfig {
     /// Names of the built-in rings.
-    pub const BUILT_IN: [&'static str; 3] = ["tof32", "sonar8", "snsi6"];
+    pub const BUILT_IN: [&'static str; 4] = ["tof32", "sonar8", "snsi6", "lidar60"];
 
     /// A built-in ring.
     ///
@@ -138,6 +140,7 @@ impl RingConfig {
     /// | `tof32` | four multizone time-of-flight sensors of 8 columns, as on the recorded nano quadcopter (15 Hz) |
     /// | `sonar8` | eight HC-SR04 every 45 degrees, opposite ones together, four slots of 60 ms |
     /// | `snsi6` | SNSI's six HC-SR04: right, 37 degrees right, front, 37 left, left, and down, in turn, 3 Hz; blind behind |
+    /// | `lidar60` | a turning laser (LD06, RPLIDAR A1): ten parts of six columns, one turn in 0.1 s |
     ///
     /// # Errors
     /// [`RingError::Unknown`] names the built-in rings.
@@ -146,6 +149,7 @@ impl RingConfig {
             "tof32" => Ok(Self::tof32()),
             "sonar8" => Ok(Self::sonar8()),
             "snsi6" => Ok(Self::snsi6()),
+            "lidar60" => Ok(Self::lidar60()),
             other => Err(RingError::Unknown(other.to_owned())),
         }
     }
@@ -261,6 +265,32 @@ impl RingConfig {
         }
     }
 
+    fn lidar60() -> Self {
+        let part_deg = 36.0;
+        let rangers = (0..10u8)
+            .map(|i| RangerConfig {
+                name: format!("laser{i}"),
+                kind: RangerKind::Laser,
+                bearing_deg: -162.0 + part_deg * f64::from(i),
+                elevation_deg: 0.0,
+                offset_m: [0.0; 3],
+                columns: 6,
+                field_of_view_deg: part_deg,
+                // Of the ray, not of the column: what lies between two rays is not seen.
+                half_cone_deg: 0.4,
+                min_m: 0.15,
+                max_m: 12.0,
+                rate_hz: 10.0,
+                phase: f64::from(i) / 10.0,
+                source: sim(),
+            })
+            .collect();
+        Self {
+            name: "lidar60".to_owned(),
+            rangers,
+        }
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -321,7 +351,12 @@ impl RingConfig {
                 return bad(format!("phase = {} is outside 0..1", r.phase));
             }
         }
-        let beams = self.rangers.iter().map(|r| usize::from(r.columns)).sum();
+        let beams = self
+            .rangers
+            .iter()
+            .filter(|r| !r.looks_down())
+            .map(|r| usize::from(r.columns))
+            .sum();
         if beams > MAX_BEAMS {
             return Err(RingError::TooManyBeams {
                 name: self.name.clone(),
@@ -365,7 +400,7 @@ impl RangerConfig {
             .map(|(column, depth_mm)| {
                 let along_ray = match self.kind {
                     RangerKind::Tof => 1.0 / libm::cos(self.column_angle_rad(column)),
-                    RangerKind::Sonar => 1.0,
+                    RangerKind::Sonar | RangerKind::Laser => 1.0,
                 };
                 let distance_m = depth_mm.map(|mm| f64::from(mm) * 1e-3 * along_ray);
                 Beam {
@@ -430,7 +465,7 @@ mod tests {
             RingConfig::built_in("tof64")
                 .unwrap_err()
                 .to_string()
-                .contains("tof32, sonar8, snsi6")
+                .contains("tof32, sonar8, snsi6, lidar60")
         );
     }
 }

@@ -1,6 +1,6 @@
 //! What sensors deliver, in SI and our frames, each with the time it was true.
 
-use crate::{Frd, In, Timestamp};
+use crate::{Frd, In, Ned, Timestamp};
 use arrayvec::ArrayVec;
 use serde::{Deserialize, Serialize};
 
@@ -85,6 +85,55 @@ pub struct FlowSample {
     pub y_radps: f64,
     /// 0 (unusable) ..= 255 (best).
     pub quality: u8,
+}
+
+/// Pose from a camera, a tracking system or another localizer (VISION_POSITION_ESTIMATE, ODOMETRY).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExternalPose {
+    /// When it was measured, our clock.
+    pub at: Timestamp,
+    /// What its position and yaw are relative to.
+    pub frame: ExternalFrame,
+    /// m.
+    pub position: In<Ned>,
+    /// Clockwise from the frame's x, rad.
+    pub yaw_rad: f64,
+    /// Velocity along the body's axes, m/s, if it is told.
+    pub velocity: Option<In<Frd>>,
+    /// Doubt of each horizontal position axis, one standard deviation, m; none if it is not told.
+    pub position_std_m: Option<f64>,
+    /// Doubt of yaw, one standard deviation, rad; none if it is not told.
+    pub yaw_std_rad: Option<f64>,
+    /// Changes when the source jumps.
+    pub reset_counter: u8,
+}
+
+/// What an [`ExternalPose`] is relative to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ExternalFrame {
+    /// Our local frame: NED about home. It is believed like a place on the plan.
+    Local,
+    /// A frame of its own that drifts: only its changes count.
+    Own,
+}
+
+/// A satellite fix, metres from where the receiver first knew its place.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GnssFix {
+    /// When it was received, our clock.
+    pub at: Timestamp,
+    /// North, east, down from the first fix, m.
+    pub position: In<Ned>,
+    /// m/s, if it is told.
+    pub velocity: Option<In<Ned>>,
+    /// Doubt north and east, down, one standard deviation, m.
+    pub std_m: [f64; 2],
+    /// Latitude and longitude, degrees.
+    pub place_deg: [f64; 2],
+    /// Above mean sea level, m.
+    pub altitude_m: f64,
+    /// Satellites in use, 0 if not told.
+    pub satellites: u8,
 }
 
 /// One firing of one range finder of the ring, as its driver delivers it: millimetres, by column.

@@ -4,13 +4,14 @@
 //! off-board) belong to the station that began them until it is silent for a second.
 
 use super::door::{
-    Asked, Event, GoTo, Key, LandedState, ManualInput, MissionState, MissionStatus, Outcome,
-    Refusal, Request, Station,
+    Asked, Event, FigureRequest, GoTo, Key, LandedState, ManualInput, MissionState, MissionStatus,
+    Notice, Outcome, Refusal, Request, Station,
 };
 use super::mode::{Because, Mode, ModeState};
 use super::modes::climb::Climb;
 use super::modes::descent::Descent;
-use super::modes::hold::Hold;
+use super::modes::figure::{FigureFlight, Progress};
+use super::modes::hold::{Hold, Target};
 use super::modes::homeward::Homeward;
 use super::modes::mission::MissionMode;
 use super::modes::offboard::{Offboard, Streamed};
@@ -62,6 +63,8 @@ pub struct Order {
 pub struct Arbiter {
     mode: ModeState,
     hold: Hold,
+    /// Flown in Hold until something else is asked for.
+    figure: Option<FigureFlight>,
     climb: Climb,
     descent: Descent,
     homeward: Homeward,
@@ -86,6 +89,7 @@ impl Arbiter {
         Self {
             mode: ModeState::default(),
             hold: Hold::default(),
+            figure: None,
             climb: Climb::to(takeoff_height_m),
             descent: Descent::here(),
             homeward: Homeward::default(),
@@ -182,6 +186,7 @@ impl Arbiter {
         self.descent.relocalized();
         self.sticks_mode.relocalized();
         if was_lost {
+            self.figure = None;
             self.hold.forget_target();
             self.mission_mode.relocalized();
         }
@@ -206,6 +211,7 @@ impl Arbiter {
     /// Changes the mode without asking whether it is allowed; the supervisor's way.
     pub fn enter(&mut self, c: &mut Cockpit<'_>, mode: Mode, because: Because) {
         let next = ModeState { mode, because };
+        self.figure = None;
         if self.mode == next && mode != Mode::Takeoff {
             return;
         }
@@ -271,11 +277,39 @@ impl Arbiter {
                 if self.mode.mode != Mode::Hold {
                     self.enter(c, Mode::Hold, Because::Asked);
                 }
+                self.figure = None;
                 self.hold = hold;
+                Ok(Outcome::Accepted)
+            }
+            Request::Figure(asked) => {
+                self.need_place(c)?;
+                if c.air != Air::Flying {
+                    return Err(Refusal::NotFlying);
+                }
+                let speed_mps = asked.speed_mps.or(self.cruise_mps);
+                let figure = FigureFlight::begin(
+                    c,
+                    &FigureRequest {
+                        speed_mps,
+                        ..*asked
+                    },
+                )?;
+                if self.mode.mode != Mode::Hold {
+                    self.enter(c, Mode::Hold, Because::Asked);
+                }
+                self.hold.keys.switch_off();
+                self.figure = Some(figure);
                 Ok(Outcome::Accepted)
             }
             Request::SetPlan(plan) => {
                 self.load(c, plan);
+                Ok(Outcome::Accepted)
+            }
+            Request::SetSite(site) => {
+                let old = c.navigator.set_site(Arc::clone(site));
+                // Freeing it is not the flight loop's work.
+                let _ = c.events.try_push(Event::SiteRetired(old));
+                self.keep_inside(c);
                 Ok(Outcome::Accepted)
             }
             Request::SetMissionItem(seq) => self.set_item(*seq).map(accepted),
@@ -338,6 +372,7 @@ impl Arbiter {
                     .last_stop
                     .is_some_and(|at| c.now.since(at) < STOP_AGAIN);
                 self.last_stop = Some(c.now);
+                self.figure = None;
                 if c.air == Air::Flying {
                     let mode = if again { Mode::Land } else { Mode::Hold };
                     self.enter(c, mode, Because::Asked);
@@ -352,7 +387,13 @@ impl Arbiter {
             | Request::SetHome(_)
             | Request::SetParam { .. }
             | Request::GroundHeartbeat
+            | Request::Calibrate(_)
+            | Request::EndBenchWork
+            | Request::TurnMotor(_)
+            | Request::RestartFc
+            | Request::Sensed(_)
             | Request::ShutDown => Err(Refusal::Unsupported),
+            Request::Inject(_) => Err(Refusal::NotSimulated),
         }
     }
 
@@ -443,6 +484,21 @@ impl Arbiter {
         }
     }
 
+    /// The fence is another one: a goal beyond it is dropped, an item looked at anew.
+    fn keep_inside(&mut self, c: &mut Cockpit<'_>) {
+        if c.air != Air::Flying || !c.nav.health.position {
+            return;
+        }
+        match self.mode.mode {
+            Mode::Hold if !self.hold.keys.is_on() && c.navigator.is_goal_fenced_off() => {
+                c.notice(Notice::Refused(Refusal::OutsideFence));
+                self.hold.stop(c);
+            }
+            Mode::Mission => self.mission_mode.relocalized(),
+            _ => {}
+        }
+    }
+
     fn set_item(&mut self, seq: u16) -> Result<(), Refusal> {
         if self.plan_items == 0 {
             return Err(Refusal::NoPlan);
@@ -478,8 +534,30 @@ impl Arbiter {
         if self.mode.mode != Mode::Hold {
             return Err(Refusal::KeyModeOff);
         }
+        if self.figure.take().is_some() {
+            // A key ends it: the keys begin where the vehicle comes to rest.
+            self.hold.stop(c);
+        }
         let report = self.hold.press(c, key)?;
         Ok(Outcome::KeyTaken(report))
+    }
+
+    /// Hold, or the figure that is flown in it.
+    fn step_hold(&mut self, c: &mut Cockpit<'_>) -> Wish {
+        if !c.nav.health.position || c.air != Air::Flying {
+            self.figure = None;
+        }
+        let Some(figure) = &mut self.figure else {
+            return self.hold.step(c);
+        };
+        match figure.step(c) {
+            Progress::Fly(setpoint) => Wish::Fly(setpoint),
+            Progress::Done { position, yaw_rad } => {
+                self.figure = None;
+                self.hold.hold_at(c, Target { position, yaw_rad }, true);
+                self.hold.step(c)
+            }
+        }
     }
 
     /// The active set point of this tick. `touched_down` is control's latch of a landing.
@@ -487,7 +565,7 @@ impl Arbiter {
         // A mode may hand over to another; two hand-overs in one tick are enough for any chain there is.
         for _ in 0..3 {
             let wish = match self.mode.mode {
-                Mode::Hold => self.hold.step(c),
+                Mode::Hold => self.step_hold(c),
                 Mode::Takeoff => self.climb.step(c),
                 Mode::Land => self.descent.step(c, touched_down),
                 Mode::Return => self.homeward.step(c, touched_down),

@@ -4,18 +4,24 @@
 //! [`Snapshot`] copied each tick. Nothing else passes; `Flight` formats no text, so reasons travel as values
 //! ([`Refusal`], [`Notice`]) and become words in `Ground`.
 
+pub use super::bench_work::{MotorTurn, Progress, Sensor};
 use super::handover::Steering;
 use super::latency::LatencySummary;
 use super::mode::{Because, Mode, ModeState};
+use crate::sensor::Sample;
+use crate::uquad::aircraft::Off;
 use arrayvec::ArrayVec;
 use msp::firmware::{ArmingBlocker, arming_blockers};
 use msp::message::FcVariant;
+use planner::fence::Site;
 use planner::mission::Plan;
+use planner::navigator::Avoidance;
+use planner::trajectory::{Figure, Nose};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 use vehicle::{
-    BaroSample, BatterySample, DownRange, FlowSample, Frd, ImuSample, In, NavState, Ned,
+    BaroSample, BatterySample, DownRange, FlowSample, Frd, GnssFix, ImuSample, In, NavState, Ned,
     ParamValue, RangeScan, Rot, Setpoint, Sticks, Timestamp,
 };
 
@@ -65,8 +71,12 @@ pub enum Request {
     },
     /// Fly to a place and hover. What is none stays as it is; all none = stop here.
     GoTo(GoTo),
+    /// Fly around something until told otherwise, in mode Hold.
+    Figure(FigureRequest),
     /// Replace the plan. The old one comes back in [`Event::PlanRetired`].
     SetPlan(Arc<Plan>),
+    /// Replace fence and rally points. The old ones come back in [`Event::SiteRetired`].
+    SetSite(Arc<Site>),
     /// Continue the plan at an item.
     SetMissionItem(u16),
     /// Start the plan at an item (MAV_CMD_MISSION_START).
@@ -99,6 +109,59 @@ pub enum Request {
     GroundHeartbeat,
     /// Land (or disarm on the ground); the program wants to end.
     ShutDown,
+    /// Calibrate a sensor of the flight controller, on the ground.
+    Calibrate(Sensor),
+    /// End what is done to the flight controller: a motor test stops, a calibration is no longer waited for.
+    EndBenchWork,
+    /// Turn a motor, on the ground (parameter KST_MOTOR_TEST).
+    TurnMotor(MotorTurn),
+    /// Restart the flight controller, on the ground.
+    RestartFc,
+    /// A sensor whose messages come over a link. It is not answered.
+    Sensed(Sample),
+    /// Break or mend something of a simulated vehicle; whoever simulates it carries it out, a real vehicle refuses.
+    Inject(Failure),
+}
+
+/// A failure to be injected (MAV_CMD_INJECT_FAILURE).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// What fails.
+    pub unit: FailureUnit,
+    /// How.
+    pub kind: FailureKind,
+    /// Which of them, from 1; 0 all.
+    pub instance: u8,
+}
+
+/// What fails (FAILURE_UNIT, as far as it is simulated).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FailureUnit {
+    /// Optical flow.
+    Flow,
+    /// Range finders.
+    Distance,
+    /// The battery.
+    Battery,
+    /// Motors.
+    Motor,
+    /// The line of the flight controller.
+    Controller,
+}
+
+/// How it fails (FAILURE_TYPE, as far as it is simulated).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FailureKind {
+    /// It works again.
+    Ok,
+    /// It says nothing, gives nothing.
+    Off,
+    /// It says the same for ever.
+    Stuck,
+    /// What it says is not so.
+    Wrong,
+    /// It comes and goes.
+    Intermittent,
 }
 
 /// Target of [`Request::GoTo`]; none keeps what is.
@@ -114,6 +177,70 @@ pub struct GoTo {
     pub yaw_rad: Option<f64>,
     /// m/s.
     pub speed_mps: Option<f64>,
+}
+
+/// Target of [`Request::Figure`]; what is none is where the vehicle is, or the usual.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FigureRequest {
+    /// Centre, NED x about home, m.
+    pub north_m: Option<f64>,
+    /// Centre, NED y about home, m.
+    pub east_m: Option<f64>,
+    /// NED z about home, m.
+    pub down_m: Option<f64>,
+    /// Of an orbit; of an eight centre to its far ends, m.
+    pub radius_m: f64,
+    /// Half the width of an eight, m; none = an orbit.
+    pub minor_m: Option<f64>,
+    /// Direction of the long axis of an eight, clockwise from north, rad.
+    pub axis_rad: f64,
+    /// Seen from above (an eight: its end in the direction of the axis).
+    pub is_clockwise: bool,
+    /// m/s.
+    pub speed_mps: Option<f64>,
+    /// Rounds; none = until something else is asked for.
+    pub rounds: Option<f64>,
+    /// Where the nose points.
+    pub nose: FigureNose,
+}
+
+/// Where the nose points on a figure: ORBIT_YAW_BEHAVIOUR.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FigureNose {
+    /// HOLD_FRONT_TO_CIRCLE_CENTER.
+    #[default]
+    Centre,
+    /// HOLD_INITIAL_HEADING.
+    Initial,
+    /// HOLD_FRONT_TANGENT_TO_CIRCLE.
+    Tangent,
+}
+
+impl From<FigureNose> for Nose {
+    fn from(nose: FigureNose) -> Self {
+        match nose {
+            FigureNose::Centre => Self::Centre,
+            FigureNose::Initial => Self::Initial,
+            FigureNose::Tangent => Self::Tangent,
+        }
+    }
+}
+
+impl From<FigureRequest> for Figure {
+    fn from(asked: FigureRequest) -> Self {
+        match asked.minor_m {
+            None => Self::Orbit {
+                radius_m: asked.radius_m,
+                is_clockwise: asked.is_clockwise,
+            },
+            Some(minor_m) => Self::Eight {
+                major_m: asked.radius_m,
+                minor_m,
+                axis_rad: asked.axis_rad,
+                is_clockwise: asked.is_clockwise,
+            },
+        }
+    }
 }
 
 /// Sticks of MANUAL_CONTROL, -1..=1; none = axis not used.
@@ -311,6 +438,8 @@ pub enum Refusal {
     Flying,
     /// Needs to be armed first.
     NotArmed,
+    /// Needs to be disarmed first.
+    Armed,
     /// No plan is stored.
     NoPlan,
     /// The plan has no such item.
@@ -322,6 +451,8 @@ pub enum Refusal {
     },
     /// A place outside the plan or too near a wall.
     PlaceBlocked,
+    /// A place outside the fence, in a no-fly zone, or too near to their border.
+    OutsideFence,
     /// No way leads there.
     NoRoute,
     /// Off-board needs a stream of set points first.
@@ -358,6 +489,16 @@ pub enum Refusal {
     PilotArms,
     /// The pilot's radio steers; his override switch is off.
     PilotSteers,
+    /// A calibration, motor test or restart is under way.
+    BenchBusy,
+    /// Motor tests are switched off.
+    MotorTestOff,
+    /// The flight controller refused the order.
+    FcRefused,
+    /// The motors of a craft without flight controller were stopped for a reason; the program must be started again.
+    MotorsOff(Off),
+    /// Failures are injected in a simulator only.
+    NotSimulated,
 }
 
 impl Refusal {
@@ -367,10 +508,14 @@ impl Refusal {
         match self {
             Self::BadNumber
             | Self::PlaceBlocked
+            | Self::OutsideFence
             | Self::NoSuchItem { .. }
             | Self::Flying
-            | Self::NotArmed => RefusalClass::Denied,
-            Self::Unsupported => RefusalClass::Unsupported,
+            | Self::MotorTestOff
+            | Self::FcRefused
+            | Self::NotArmed
+            | Self::Armed => RefusalClass::Denied,
+            Self::Unsupported | Self::NotSimulated => RefusalClass::Unsupported,
             _ => RefusalClass::NotNow,
         }
     }
@@ -390,11 +535,13 @@ impl fmt::Display for Refusal {
             Self::NotFlying => write!(f, "not flying"),
             Self::Flying => write!(f, "flying: land first"),
             Self::NotArmed => write!(f, "not armed"),
+            Self::Armed => write!(f, "armed: disarm first"),
             Self::NoPlan => write!(f, "no mission stored"),
             Self::NoSuchItem { seq, total } => {
                 write!(f, "no mission item {seq} (there are {total})")
             }
             Self::PlaceBlocked => write!(f, "that place is in a wall or off the plan"),
+            Self::OutsideFence => write!(f, "that place is outside the fence or in a no-fly zone"),
             Self::NoRoute => write!(f, "no way leads there"),
             Self::NoOffboardStream => write!(f, "send off-board set points first"),
             Self::OtherStation { system } => write!(f, "system {system} is steering"),
@@ -415,7 +562,12 @@ impl fmt::Display for Refusal {
             ),
             Self::ArmingUnderWay => write!(f, "arming is under way"),
             Self::DisarmedMeanwhile => write!(f, "disarmed meanwhile"),
+            Self::BenchBusy => write!(f, "a calibration, motor test or restart is under way"),
+            Self::MotorTestOff => write!(f, "propellers off, then set KST_MOTOR_TEST to 1"),
+            Self::FcRefused => write!(f, "the flight controller refuses it"),
+            Self::NotSimulated => write!(f, "failures are injected in the simulator only"),
             Self::PilotArms => write!(f, "the pilot arms and disarms with his radio"),
+            Self::MotorsOff(why) => write!(f, "motors were stopped: {}; start again", why.words()),
             Self::PilotSteers => write!(
                 f,
                 "the pilot steers: his MSP OVERRIDE switch must be on, then ask again"
@@ -437,6 +589,7 @@ impl Because {
             Self::NotLocalized => "not localized",
             Self::RangersSilent => "range finders silent",
             Self::BatteryLow => "battery low",
+            Self::BatteryReserve => "battery just enough for the way home",
             Self::ShuttingDown => "shutting down",
             Self::EstimatorFailed => "estimate unusable",
             Self::FcSilent => "flight controller silent",
@@ -538,6 +691,8 @@ pub enum Event {
     HomeSet,
     /// A plan no longer in use, to be freed by `Ground`.
     PlanRetired(Arc<Plan>),
+    /// Fence and rally points no longer in use, the same way.
+    SiteRetired(Arc<Site>),
     /// A marker of the key console.
     Marker(Timestamp),
 }
@@ -620,6 +775,13 @@ pub enum Notice {
         /// Why.
         why: Refusal,
     },
+    /// Return goes to a rally point, which is nearer than home.
+    ToRallyPoint {
+        /// Which, counted from 1.
+        number: u16,
+        /// Way to it, m.
+        way_m: f64,
+    },
     /// An obstacle blocks the way.
     WayBlocked,
     /// Battery low, percent.
@@ -649,6 +811,26 @@ pub enum Notice {
     },
     /// The control loop of the flight controller stands still.
     FcStalled,
+    /// How a calibration stands.
+    Calibration {
+        /// Of what.
+        sensor: Sensor,
+        /// How far.
+        progress: Progress,
+    },
+    /// The inertial unit knows its zeros.
+    ImuCalibrated,
+    /// It was moved meanwhile and begins again.
+    ImuDisturbed,
+    /// The inertial unit's period was out of range.
+    ImuPeriod {
+        /// Measured, ms.
+        ms: f64,
+        /// Errors counted; ten stop the motors.
+        errors: u32,
+    },
+    /// A craft without flight controller stopped its motors.
+    MotorsOff(Off),
 }
 
 impl Notice {
@@ -659,6 +841,7 @@ impl Notice {
             Self::FcLost { .. }
             | Self::Failsafe { .. }
             | Self::FcDisarmed
+            | Self::MotorsOff(_)
             | Self::PilotTookOver => Severity::Critical,
             Self::LocalizationLost | Self::SearchFailed | Self::BatteryLow { .. } => {
                 Severity::Error
@@ -668,6 +851,8 @@ impl Notice {
             | Self::WayBlocked
             | Self::FcUnknown { .. }
             | Self::FcRestarted
+            | Self::ImuDisturbed
+            | Self::ImuPeriod { .. }
             | Self::PilotOffers => Severity::Warning,
             Self::FcStalled => Severity::Error,
             Self::Trouble(_) => Severity::Warning,
@@ -719,6 +904,9 @@ impl fmt::Display for Notice {
             Self::Refused(why) => write!(f, "Refused: {why}"),
             Self::MissionFinished => write!(f, "Mission finished"),
             Self::ItemRefused { seq, why } => write!(f, "Mission item {seq}: {why}"),
+            Self::ToRallyPoint { number, way_m } => {
+                write!(f, "Return to rally point {number}, {way_m:.1} m away")
+            }
             Self::WayBlocked => write!(f, "Way blocked: looking for another"),
             Self::BatteryLow { percent } => write!(f, "Battery low: {percent} %"),
             Self::Landed => write!(f, "Landed"),
@@ -741,7 +929,27 @@ impl fmt::Display for Notice {
             Self::FcSlow { service_hz, .. } => {
                 write!(f, "FC serves {service_hz}/s: raise the baud rate")
             }
+            Self::ImuCalibrated => write!(f, "IMU calibrated: ready"),
+            Self::ImuDisturbed => write!(f, "IMU moved while calibrating: begins again"),
+            Self::ImuPeriod { ms, errors } => write!(
+                f,
+                "IMU period of {ms:.1} ms instead of 8-12 ms ({errors} of 10 errors)"
+            ),
+            Self::MotorsOff(why) => write!(f, "Motors stopped: {}", why.words()),
             Self::FcStalled => write!(f, "FC control loop stands still: restart it"),
+            // PX4's words: QGroundControl and MAVSDK read them.
+            Self::Calibration { sensor, progress } => {
+                let name = sensor.name();
+                match progress {
+                    Progress::Started => write!(f, "[cal] calibration started: 2 {name}"),
+                    Progress::Half => write!(f, "[cal] progress <50>"),
+                    Progress::Done => write!(f, "[cal] calibration done: {name}"),
+                    Progress::Failed => {
+                        write!(f, "[cal] calibration failed: {name}: no answer")
+                    }
+                    Progress::Cancelled => write!(f, "[cal] calibration cancelled"),
+                }
+            }
         }
     }
 }
@@ -855,12 +1063,22 @@ pub struct Snapshot {
     pub velocity_target: In<Ned>,
     /// Thrust that control asks for, 0..=1.
     pub thrust_target: f64,
+    /// Acceleration that control asks for, m/s2.
+    pub accel_target: In<Ned>,
+    /// Yaw rate that control asks for, clockwise, rad/s.
+    pub yaw_rate_target_radps: f64,
+    /// What obstacle avoidance chose last.
+    pub avoidance: Avoidance,
     /// Sticks sent last.
     pub sticks: Sticks,
     /// RC channels sent last, us: roll, pitch, throttle, yaw, aux ...
     pub rc_us: ArrayVec<u16, 18>,
     /// Battery.
     pub battery: Option<BatterySample>,
+    /// Time the battery lasts at the present rate, s.
+    pub endurance_s: Option<f64>,
+    /// Way home on the plan, m; none where there is none or the place is not known.
+    pub way_home_m: Option<f64>,
     /// Flight controller.
     pub fc: FcStatus,
     /// Newest inertial sample.
@@ -871,6 +1089,8 @@ pub struct Snapshot {
     pub down_range: Option<DownRange>,
     /// Newest optical flow.
     pub flow: Option<FlowSample>,
+    /// Newest satellite fix.
+    pub gnss: Option<GnssFix>,
     /// Newest reading of each horizontal ranger, as one scan.
     pub scan: Option<RangeScan>,
     /// A horizontal ranger spoke within the last second.

@@ -31,6 +31,8 @@ pub struct Facts<'a> {
     pub manual_silent_s: f64,
     /// Battery left, 0..=1.
     pub battery: Option<f64>,
+    /// Time the battery lasts beyond the way home and the landing; none while it cannot be told.
+    pub spare_s: Option<f64>,
     /// Time since the flight controller said anything.
     pub fc_silent_s: f64,
     /// Time between the last two ticks.
@@ -57,6 +59,46 @@ pub struct Facts<'a> {
     pub host: HostReport,
     /// Parameters.
     pub params: &'a AutopilotParams,
+}
+
+impl<'a> Facts<'a> {
+    /// Standing on the floor, and nothing is wrong.
+    #[must_use]
+    pub const fn quiet(params: &'a AutopilotParams) -> Self {
+        Self {
+            mode: Mode::Hold,
+            is_flying: false,
+            is_armed: false,
+            has_attitude_and_height: true,
+            not_localized_s: 0.0,
+            search_s: None,
+            rangers_silent_s: 0.0,
+            ground_silent_s: None,
+            offboard_silent_s: f64::INFINITY,
+            manual_silent_s: f64::INFINITY,
+            battery: None,
+            spare_s: None,
+            fc_silent_s: 0.0,
+            loop_gap_s: 0.0,
+            toppled_s: 0.0,
+            tilted_s: 0.0,
+            inconsistent_s: 0.0,
+            jumps: 0,
+            stuck_s: 0.0,
+            sag_s: 0.0,
+            no_progress_s: 0.0,
+            missed_share: 0.0,
+            fc_slow_s: 0.0,
+            host: HostReport {
+                temperature_c: None,
+                is_throttled: false,
+                disk_fails: false,
+                clock_jumped: false,
+                is_overloaded: false,
+            },
+            params,
+        }
+    }
 }
 
 /// When a row counts.
@@ -155,7 +197,7 @@ const ROW: Row = Row {
 };
 
 /// The failsafes, most important first.
-pub const TABLE: [Row; 25] = [
+pub const TABLE: [Row; 26] = [
     Row {
         because: Because::Toppled,
         when: |f| f.toppled_s > TOPPLED_S,
@@ -272,7 +314,7 @@ pub const TABLE: [Row; 25] = [
     Row {
         because: Because::RangersStuck,
         when: |f| f.stuck_s > f.params.stuck_s && needs_a_place(f.mode),
-        doc: "a range finder says the same for KST_STUCK_T while the vehicle moves 0.3 m, in a mode that avoids obstacles",
+        doc: "a range finder says the same for KST_STUCK_T while the vehicle moves 0.3 m (a single beam: 1 m), in a mode that avoids obstacles",
         params: &["KST_STUCK_T"],
         test: "a_stuck_ranger_lands_the_vehicle",
         ..ROW
@@ -321,6 +363,23 @@ pub const TABLE: [Row; 25] = [
         does: "Return, unless landing already",
         params: &["BAT_LOW_THR"],
         test: "a_low_battery_brings_it_home",
+        ..ROW
+    },
+    Row {
+        because: Because::BatteryReserve,
+        when: |f| {
+            let reserve_s = f.params.battery_reserve_s;
+            reserve_s > 0.0 && f.spare_s.is_some_and(|s| s < reserve_s)
+        },
+        answer: |f| match f.mode {
+            Mode::Land | Mode::Return => Answer::Nothing,
+            _ => Answer::Mode(Mode::Return),
+        },
+        tells_end: false,
+        doc: "battery lasts less than KST_BAT_RESERVE longer than the way home and the landing take",
+        does: "Return, unless landing already",
+        params: &["KST_BAT_RESERVE", "BAT1_CAPACITY"],
+        test: "the_reserve_rule_turns_back_in_time_and_the_time_left_is_told",
         ..ROW
     },
     Row {
@@ -436,30 +495,15 @@ pub(super) mod tests {
     /// A healthy hover.
     pub(in crate::autopilot) fn well(params: &AutopilotParams) -> Facts<'_> {
         Facts {
-            mode: Mode::Hold,
             is_flying: true,
             is_armed: true,
-            has_attitude_and_height: true,
-            not_localized_s: 0.0,
-            search_s: None,
             rangers_silent_s: 0.05,
             ground_silent_s: Some(0.5),
-            offboard_silent_s: f64::INFINITY,
-            manual_silent_s: f64::INFINITY,
             battery: Some(0.9),
+            spare_s: Some(400.0),
             fc_silent_s: 0.01,
             loop_gap_s: 0.025,
-            toppled_s: 0.0,
-            tilted_s: 0.0,
-            inconsistent_s: 0.0,
-            jumps: 0,
-            stuck_s: 0.0,
-            sag_s: 0.0,
-            no_progress_s: 0.0,
-            missed_share: 0.0,
-            fc_slow_s: 0.0,
-            host: HostReport::default(),
-            params,
+            ..Facts::quiet(params)
         }
     }
 

@@ -14,7 +14,9 @@ mod tests;
 use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
+use super::bench_work::BenchWork;
 use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::endurance::Endurance;
 use super::failsafes::{FC_SILENT_S, Facts, TABLE};
 use super::handover::Handover;
 use super::health;
@@ -26,6 +28,7 @@ use super::supervisor::{Supervisor, Verdict};
 use super::watch::{Look, Watch};
 use crate::fc::convert::Convert;
 use crate::fc::{poll, stock_curves};
+use crate::sensor::Sample;
 use crate::sensor::ring::{Measured, Ring};
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
@@ -41,8 +44,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
-    Airframe, DownRange, FloorPlan, FlowSample, In, MapAnchor, MapPose, NavState, Ned, RingConfig,
-    Setpoint, Sticks, Timestamp,
+    Airframe, DownRange, FloorPlan, FlowSample, GnssFix, In, MapAnchor, MapPose, NavState, Ned,
+    RingConfig, Setpoint, Sticks, Timestamp,
 };
 
 /// Longer between two inputs and we were held up ourselves.
@@ -94,6 +97,7 @@ pub struct Flight {
     fc_arm: FcArmState,
     link: controller::Link,
     handover: Handover,
+    bench_work: BenchWork,
     fc: FcStatus,
     air: Air,
     home: In<Ned>,
@@ -113,9 +117,12 @@ pub struct Flight {
     /// How long the pilot has had the vehicle on the floor, s.
     pilot_down_s: f64,
     localized_at: Option<Timestamp>,
+    /// Zero of the flight controller's satellite fixes.
+    gnss_start: crate::sensor::gps::Start,
     reset_counter: u8,
     ground_heard: Option<Timestamp>,
     shutting_down: bool,
+    endurance: Endurance,
     control: ControlOutput,
     snapshot: Snapshot,
     outputs: VecDeque<Output>,
@@ -177,6 +184,7 @@ impl Flight {
             fc_arm: FcArmState::default(),
             link: controller::Link::default(),
             handover: Handover::new(settings.autopilot.radio),
+            bench_work: BenchWork::default(),
             fc: FcStatus::default(),
             air: Air::Ground,
             home: In::zero(),
@@ -192,9 +200,11 @@ impl Flight {
             missed_before: 0,
             pilot_down_s: 0.0,
             localized_at: None,
+            gnss_start: crate::sensor::gps::Start::default(),
             reset_counter: 0,
             ground_heard: None,
             shutting_down: false,
+            endurance: Endurance::default(),
             control: ControlOutput::default(),
             snapshot: Snapshot {
                 home_yaw_rad,
@@ -221,6 +231,8 @@ impl Flight {
             Input::Asked(asked) => self.asked(now, &asked),
             Input::JobDone(result) => self.estimator.search_done(&result),
             Input::FcClosed => self.lose_controller(false),
+            Input::Gnss(fix) => self.gnss(&fix),
+            Input::Pose(pose) => self.estimator.external_pose(&pose),
             Input::Host(report) => self.watch.host = report,
             Input::Wake => {}
         }
@@ -266,6 +278,12 @@ impl Flight {
         self.standby.as_ref()
     }
 
+    /// Parameters as they are flown with.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
     /// The estimator, for pictures and logs.
     #[must_use]
     pub const fn estimator(&self) -> &Estimator {
@@ -296,6 +314,7 @@ impl Flight {
         let nav = *self.estimator.state();
         self.notice_localization(now, &nav);
         self.confirm_arming(now);
+        self.bench_step(now);
 
         // Arbitrate and plan.
         self.keep_watch(now, dt_s, &nav);
@@ -427,9 +446,10 @@ impl Flight {
         {
             self.disarm(now);
         }
+        let spare_s = self.spare_s(nav);
         let mut supervisor = core::mem::take(&mut self.supervisor);
         let mut verdicts = ArrayVec::<Verdict, { 2 * TABLE.len() }>::new();
-        supervisor.watch(&self.facts(now, loop_gap_s, nav), |v| {
+        supervisor.watch(&self.facts(now, loop_gap_s, spare_s, nav), |v| {
             let _ = verdicts.try_push(v);
         });
         self.supervisor = supervisor;
@@ -493,10 +513,18 @@ impl Flight {
     }
 
     /// What the rows of the table look at.
-    fn facts(&self, now: Timestamp, loop_gap_s: f64, nav: &NavState) -> Facts<'_> {
+    fn facts(
+        &self,
+        now: Timestamp,
+        loop_gap_s: f64,
+        spare_s: Option<f64>,
+        nav: &NavState,
+    ) -> Facts<'_> {
         let since =
             |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
-        let watch = &self.watch;
+        let watched = self
+            .watch
+            .facts(now, nav.position, &self.settings.autopilot);
         Facts {
             mode: self.arbiter.mode().mode,
             is_flying: self.air == Air::Flying,
@@ -509,20 +537,24 @@ impl Flight {
             offboard_silent_s: self.arbiter.offboard_silent_s(now),
             manual_silent_s: self.arbiter.manual_silent_s(now),
             battery: self.snapshot.battery.and_then(|b| b.remaining),
+            spare_s,
             fc_silent_s: self.fc_silent_s(now),
             loop_gap_s,
-            toppled_s: watch.toppled_s,
-            tilted_s: watch.tilted_s,
-            inconsistent_s: watch.inconsistent_s,
-            jumps: watch.jumps(),
-            stuck_s: watch.stuck_s(now, nav.position),
-            sag_s: watch.sag_s,
-            no_progress_s: watch.no_progress_s,
-            missed_share: watch.missed_share,
-            fc_slow_s: watch.slow_s,
-            host: watch.host,
-            params: &self.settings.autopilot,
+            ..watched
         }
+    }
+
+    /// Time the battery lasts beyond the way home and the landing, s.
+    fn spare_s(&mut self, nav: &NavState) -> Option<f64> {
+        if let Some(battery) = &self.snapshot.battery {
+            self.endurance.sample(battery, self.air == Air::Flying);
+        }
+        let left_s = self.endurance.left_s(&self.settings.autopilot);
+        let way_m = self.navigator.way_home_m(nav);
+        (self.snapshot.endurance_s, self.snapshot.way_home_m) = (left_s, way_m);
+        let cruise_mps = self.settings.planner.cruise_mps;
+        let home_s = Endurance::home_s(way_m?, nav.height_m, cruise_mps, &self.settings.autopilot);
+        Some(left_s? - home_s)
     }
 
     /// Leaves the floor or stops the motors as the arbiter ordered.
@@ -564,7 +596,6 @@ impl Flight {
     // ---- sensors of the companion computer ---------------------------------------------------------------------
 
     fn range(&mut self, reading: &vehicle::RangerReading) {
-        self.watch.ranger(reading, self.estimator.state().position);
         let mut measured = ArrayVec::<Measured, 2>::new();
         self.ring.read(reading, |m| {
             let _ = measured.try_push(m);
@@ -572,6 +603,7 @@ impl Flight {
         for m in measured {
             match m {
                 Measured::Scan(scan) => {
+                    self.watch.ranger(reading, self.estimator.state().position);
                     self.estimator.scan(&scan);
                     self.navigator.observe(&scan, self.estimator.state());
                 }
@@ -583,6 +615,24 @@ impl Flight {
     fn down_range(&mut self, sample: &DownRange) {
         self.estimator.down_range(sample);
         self.snapshot.down_range = Some(*sample);
+    }
+
+    fn gnss(&mut self, fix: &GnssFix) {
+        if self.settings.autopilot.gnss {
+            self.estimator.gnss(fix);
+        }
+        self.snapshot.gnss = Some(*fix);
+    }
+
+    /// A sample that came over a link.
+    fn sensed(&mut self, sample: &Sample) {
+        match sample {
+            Sample::Ranger(reading) => self.range(reading),
+            Sample::DownRange(range) => self.down_range(range),
+            Sample::Flow(flow) => self.flow(flow),
+            Sample::Gnss(fix) => self.gnss(fix),
+            Sample::Pose(pose) => self.estimator.external_pose(pose),
+        }
     }
 
     fn flow(&mut self, sample: &FlowSample) {
@@ -675,6 +725,9 @@ impl Flight {
         );
         s.velocity_target = self.control.velocity_sp;
         s.thrust_target = self.control.thrust_fraction;
+        s.accel_target = self.control.accel_sp;
+        s.yaw_rate_target_radps = self.control.yaw_rate_sp_radps;
+        s.avoidance = self.navigator.avoidance();
         s.sticks = sticks;
         s.fc = self.fc;
         s.flight_loop.sample_to_command = self.latency.summary();

@@ -1,6 +1,8 @@
 //! The ground half of the autopilot: links, router, every MAVLink service, parameters.
 
 use super::door::{Answer, Asked, Event, Request, Severity, Snapshot};
+use crate::gcs::access::{self, Access, LinkPolicy, Role};
+use crate::gcs::camera::{self, Camera, VideoStream};
 use crate::gcs::command::CommandService;
 use crate::gcs::disk::{DiskJob, DiskReply, Ticket};
 use crate::gcs::fence::FenceWatch;
@@ -9,29 +11,42 @@ use crate::gcs::keys::KeyConsole;
 use crate::gcs::log_transfer::LogService;
 use crate::gcs::manual::ManualService;
 use crate::gcs::mission::MissionService;
+use crate::gcs::operator::{Control, OperatorControl};
 use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
+use crate::gcs::patrol::PatrolReport;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
+use crate::gcs::sensor_feed::SensorFeed;
 use crate::gcs::setpoint::SetpointService;
 use crate::gcs::signing::{self, LinkSigning};
 use crate::gcs::telemetry::Telemetry;
 use crate::gcs::text::{TextService, Told};
-use crate::gcs::{Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer};
+use crate::gcs::{
+    Context, Destination, Document, LinkId, MAX_LINKS, Outbox, Outgoing, Peer, Speaker,
+};
 use crate::gcs::{heartbeat::Heartbeat, origin, time_sync};
 use crate::log::summary::FlightBook;
+use crate::sensor::suite::MavlinkFeed;
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use core::time::Duration;
-use mavlink_dialect::signing::SigningKey;
-use mavlink_dialect::{Address, DecodeCounters, Decoder, Encoder, Frame, FrameBytes, Message};
+use mavlink_dialect::command::result;
+use mavlink_dialect::standard::MavMessage;
+use mavlink_dialect::{Address, DecodeCounters, Decoder, Encoder, Frame, FrameBytes, Message, raw};
 use std::collections::VecDeque;
 use std::sync::Arc;
-use vehicle::{Airframe, FloorPlan, MapAnchor, Timestamp};
+use vehicle::{Airframe, FloorPlan, In, MapAnchor, Ned, Timestamp};
 
 /// Time between ticks of services with slow timers (mission re-requests, stale key lines).
 const SERVICE_PERIOD: Duration = Duration::from_millis(20);
 /// Most requests that wait for the vehicle.
 const MAX_REQUESTS: usize = 4096;
+/// On a link the camera is silent for so long: the first heartbeats a client hears are the vehicle's.
+const CAMERA_AFTER: Duration = Duration::from_secs(3);
+/// Most frames of others that wait to be passed on.
+const MAX_PASSING: usize = 4096;
+const RADIO_STATUS: u32 = 109;
+const SETUP_SIGNING: u32 = 256;
 
 /// What the ground side is built from.
 #[derive(Clone, Debug)]
@@ -76,6 +91,8 @@ struct Link {
     id: LinkId,
     decoder: Decoder,
     encoder: Encoder,
+    camera: Encoder,
+    up_at: Timestamp,
     sent: u64,
 }
 
@@ -107,6 +124,8 @@ pub struct GroundCounters {
     pub suppressed_texts: u64,
     /// Bytes on links that could not come up.
     pub stray_bytes: u64,
+    /// Frames of others that were not passed on because too many waited.
+    pub dropped_passing: u64,
     /// Frames on signed links whose signature was missing, wrong or used before.
     pub rejected_signatures: u64,
 }
@@ -134,10 +153,17 @@ pub struct Ground {
     command: CommandService,
     manual: ManualService,
     setpoint: SetpointService,
+    sensors: SensorFeed,
     keys: KeyConsole,
+    access: Access,
+    control: OperatorControl,
+    camera: Camera,
     signing: LinkSigning,
     fence: FenceWatch,
     book: FlightBook,
+    patrol: PatrolReport,
+    /// Named rooms of the plan, NED about home.
+    rooms: Vec<(String, In<Ned>)>,
     ftp: FtpService,
     logs: LogService,
     next_service: Timestamp,
@@ -147,6 +173,11 @@ pub struct Ground {
     requests: VecDeque<Asked>,
     documents: VecDeque<Document>,
     jobs: VecDeque<(Ticket, DiskJob)>,
+    /// Frames of others on their way from link to link.
+    passing: VecDeque<(LinkId, FrameBytes)>,
+    dropped_passing: u64,
+    /// The shell passes frames of components on to the stations.
+    shell_routes: bool,
     /// A message for all links and the next one it goes to.
     sending: Option<(Outgoing, usize)>,
     dropped_requests: u64,
@@ -161,6 +192,7 @@ macro_rules! context {
             settings: &$ground.settings,
             anchor: $ground.anchor,
             us: $ground.us,
+            role: Role::Engineer,
             boot_utc_us: $ground.boot_utc_us,
         }
     };
@@ -179,6 +211,11 @@ impl Ground {
             boot_utc_us,
             documents,
         } = config;
+        let rooms = plan
+            .rooms
+            .iter()
+            .map(|r| (r.name.clone(), anchor.to_ned(In::new(r.x, r.y, 0.0))))
+            .collect();
         let places = planner::Router::new(plan, airframe.radius_m, &settings.planner);
         let mut ground = Self {
             us,
@@ -195,10 +232,16 @@ impl Ground {
             command: CommandService::new(),
             manual: ManualService::new(),
             setpoint: SetpointService::new(),
+            sensors: SensorFeed::new(),
             keys: KeyConsole::new(),
+            access: Access::default(),
+            control: OperatorControl::new(),
+            camera: Camera::default(),
             signing: LinkSigning::new(),
             fence: FenceWatch::new(),
             book: FlightBook::default(),
+            patrol: PatrolReport::new(),
+            rooms,
             ftp: FtpService::new(),
             logs: LogService::new(),
             next_service: Timestamp::ZERO,
@@ -207,6 +250,9 @@ impl Ground {
             requests: VecDeque::new(),
             documents: VecDeque::new(),
             jobs: VecDeque::new(),
+            passing: VecDeque::new(),
+            dropped_passing: 0,
+            shell_routes: false,
             sending: None,
             dropped_requests: 0,
             stray_bytes: 0,
@@ -225,22 +271,50 @@ impl Ground {
         ground
     }
 
-    /// Keys that the links of each endpoint are signed with, by number of the endpoint ([`LinkId::of`]); none = unsigned.
-    pub fn set_keys(&mut self, keys: Vec<Option<SigningKey>>) {
+    /// Role, key, budget and routing of the links of each endpoint, by number of the endpoint ([`LinkId::of`]).
+    pub fn set_policies(&mut self, policies: Vec<LinkPolicy>) {
+        let keys = policies.iter().map(|p| p.key.clone()).collect();
         self.signing.set_keys(keys);
+        self.access = Access::new(policies);
+    }
+
+    /// The shell passes frames of components behind us on to the stations itself: only their way back is ours.
+    pub const fn set_shell_routes(&mut self, does: bool) {
+        self.shell_routes = does;
+    }
+
+    /// A picture is to be had there: a camera component says so.
+    pub fn set_video(&mut self, stream: Option<VideoStream>) {
+        self.router
+            .set_camera(stream.as_ref().map(|_| camera::COMPONENT));
+        self.camera = Camera::new(stream);
+    }
+
+    /// Takes messages of sensors from now on.
+    pub fn listen_to_sensors(&mut self, feed: MavlinkFeed) {
+        self.sensors.listen_to(feed);
     }
 
     /// A link came up: it is greeted with a heartbeat and gets telemetry. False if there are too many.
     pub fn link_up(&mut self, now: Timestamp, link: LinkId) -> bool {
-        if self.links.is_full() || !self.telemetry.link_up(now, link) {
+        let budget = self.access.policy(link).and_then(|p| p.rate_bytes_per_s);
+        if self.links.is_full() || !self.telemetry.link_up(now, link, budget) {
             return false;
         }
         self.links.push(Link {
             id: link,
             decoder: Decoder::new(),
             encoder: Encoder::new(self.us),
+            camera: Encoder::new(Address {
+                component: camera::COMPONENT,
+                ..self.us
+            }),
+            up_at: now,
             sent: 0,
         });
+        if self.access.is_near(link) {
+            self.params.near_link_up(link);
+        }
         self.heartbeat.link_up(link, &context!(self), &mut self.out);
         for frame in self.text.frames(
             Severity::Info,
@@ -261,6 +335,10 @@ impl Ground {
         self.logs.link_down(link);
         self.router.link_down(link);
         self.queue.forget(link);
+        self.control.link_down(link);
+        while let Some(asked) = self.out.requests.pop_front() {
+            self.pass_on(asked);
+        }
     }
 
     /// Bytes came in on a link (a new one comes up by them); of a datagram a frame never continues in the next one.
@@ -309,9 +387,15 @@ impl Ground {
                 .text(Severity::Info, format!("Marker at {:.1} s", at.s())),
             Event::Notice(notice) => self.out.text(notice.severity(), notice.to_string()),
             // Modes and landing show in heartbeats; an item reached is the mission service's; a retired plan ends here.
-            Event::ItemReached(_) | Event::Landed(_) | Event::Mode(_) | Event::PlanRetired(_) => {}
+            Event::ItemReached(_)
+            | Event::Landed(_)
+            | Event::Mode(_)
+            | Event::PlanRetired(_)
+            | Event::SiteRetired(_) => {}
         }
         self.mission.event(event, &mut self.out);
+        let ctx = context!(self);
+        self.patrol.event(now, event, &ctx, &mut self.out);
         self.drain(now, Class::Answer);
     }
 
@@ -319,9 +403,16 @@ impl Ground {
     pub fn snapshot(&mut self, now: Timestamp, snapshot: &Snapshot) {
         self.telemetry.observe(now, snapshot);
         self.snapshot.clone_from(snapshot);
-        let (items, id) = (self.mission.fence_items(), self.mission.plan_ids().fence);
-        self.fence
-            .look(now, items, id, &context!(self), &mut self.out);
+        let ids = self.mission.plan_ids();
+        let fence = (self.mission.fence_items(), ids.fence);
+        let rally = (self.mission.rally_items(), ids.rally);
+        let ctx = context!(self);
+        self.fence.tell(fence, rally, &ctx, &mut self.out);
+        self.fence.look(now, &ctx, &mut self.out);
+        self.telemetry.set_fence(self.fence.state());
+        self.patrol
+            .learn(ids.mission, self.mission.items(), &self.rooms, &ctx);
+        self.patrol.look(&ctx);
         if let Some(flight) = self.book.look(snapshot) {
             self.out.text(Severity::Info, flight.to_string());
         }
@@ -342,6 +433,7 @@ impl Ground {
             self.command.tick(now, &ctx, &mut self.out);
             self.keys.tick(now, &ctx, &mut self.out);
             self.signing.tick(now, &ctx, &mut self.out);
+            self.control.tick(now, &ctx, &mut self.out);
             self.telemetry.set_plan_ids(self.mission.plan_ids());
             self.drain(now, Class::Answer);
         }
@@ -369,6 +461,10 @@ impl Ground {
         if let Some(asked) = self.requests.pop_front() {
             return Some(GroundOutput::Request(asked));
         }
+        if let Some((link, bytes)) = self.passing.pop_front() {
+            self.telemetry.sent(link, bytes.len());
+            return Some(GroundOutput::Send { link, bytes });
+        }
         while let Some((outgoing, at)) = self
             .sending
             .take()
@@ -386,11 +482,15 @@ impl Ground {
                 continue;
             };
             link.sent += 1;
+            let encoder = match outgoing.from {
+                Speaker::Autopilot => &mut link.encoder,
+                Speaker::Camera => &mut link.camera,
+            };
+            let bytes = self.signing.encode(link.id, encoder, &outgoing.message);
+            self.telemetry.sent(link.id, bytes.len());
             let send = GroundOutput::Send {
                 link: link.id,
-                bytes: self
-                    .signing
-                    .encode(link.id, &mut link.encoder, &outgoing.message),
+                bytes,
             };
             if outgoing.to == Destination::All {
                 self.sending = Some((outgoing, at + 1));
@@ -407,6 +507,12 @@ impl Ground {
     #[must_use]
     pub const fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// Which station has control.
+    #[must_use]
+    pub fn control(&self) -> Control {
+        self.control.control()
     }
 
     /// What was seen on each link.
@@ -435,6 +541,7 @@ impl Ground {
             dropped_requests: self.dropped_requests,
             suppressed_texts: self.text.suppressed(),
             stray_bytes: self.stray_bytes,
+            dropped_passing: self.dropped_passing,
             rejected_signatures: self.signing.rejected(),
         }
     }
@@ -464,28 +571,61 @@ impl Ground {
         {
             return self.drain(now, Class::Answer);
         }
-        if self.router.judge(now, link, frame) != Verdict::ForUs {
+        let verdict = self.router.judge(now, link, frame);
+        if self.access.routes() && verdict != Verdict::Echo {
+            self.pass_frame_on(link, frame, wire);
+        }
+        if !matches!(verdict, Verdict::ForUs | Verdict::ForCamera) {
             return;
         }
         let from = Peer {
             link,
             address: frame.from,
         };
-        if self.router.is_news_of_ground_station(now, &frame.message) {
-            self.out.ask(from, Request::GroundHeartbeat);
+        let role = self.access.role(link);
+        let ctx = Context {
+            role,
+            ..context!(self)
+        };
+        let (message, out) = (&frame.message, &mut self.out);
+        if self.camera.is_there() {
+            let by_name = verdict == Verdict::ForCamera;
+            self.camera.handle(now, from, message, by_name, &ctx, out);
         }
-        self.serve(now, from, &frame.message);
+        if verdict == Verdict::ForCamera {
+            return self.drain(now, Class::Answer);
+        }
+        let needs = access::needs(message);
+        if role < needs {
+            access::deny(&self.access, from, message, &ctx, out);
+        } else if self.control.handle(now, from, message, out) {
+            // Answered.
+        } else if needs > Role::Viewer && !self.control.admits(from, &ctx) {
+            let why = self.control.reason();
+            access::refuse(from, message, result::NOT_IN_CONTROL, &why, &ctx, out);
+        } else {
+            if self.control.counts_as_presence(from, &ctx)
+                && self.router.is_news_of_ground_station(now, message)
+            {
+                self.out.ask(from, Request::GroundHeartbeat);
+            }
+            self.serve(now, from, role, message);
+        }
         self.drain(now, Class::Answer);
     }
 
     /// Offers a message to every service; each takes the ids it serves.
-    fn serve(&mut self, now: Timestamp, from: Peer, message: &Message) {
-        let ctx = context!(self);
+    fn serve(&mut self, now: Timestamp, from: Peer, role: Role, message: &Message) {
+        let ctx = Context {
+            role,
+            ..context!(self)
+        };
         let out = &mut self.out;
         self.command
             .handle(now, from, message, &ctx, &mut self.telemetry, out);
         self.manual.handle(now, from, message, &ctx, out);
         self.setpoint.handle(now, from, message, &ctx, out);
+        self.sensors.handle(now, from, message, out);
         self.mission.handle(now, from, message, &ctx, out);
         self.params.handle(now, from, message, &ctx, out);
         self.keys.handle(now, from, message, &ctx, out);
@@ -493,11 +633,59 @@ impl Ground {
         time_sync::handle(now, from, message, out);
         self.ftp.handle(now, from, message, &ctx, out);
         self.logs.handle(now, from, message, &ctx, out);
+        match message {
+            Message::Standard(MavMessage::RADIO_STATUS(m)) => {
+                self.telemetry.radio_status(now, from.link, m.txbuf);
+            }
+            Message::Raw(raw::MavMessage::REQUEST_DATA_STREAM(m)) => {
+                let hz = (m.start_stop != 0).then_some(m.req_message_rate);
+                self.telemetry
+                    .request_stream(now, from.link, m.req_stream_id, hz);
+            }
+            _ => {}
+        }
         self.telemetry.set_plan_ids(self.mission.plan_ids());
+    }
+
+    /// A frame of a component behind us to the stations, one of a station to the component it names. What is addressed to nobody in
+    /// particular goes to all of the other kind.
+    fn pass_frame_on(&mut self, link: LinkId, frame: &Frame, wire: &[u8]) {
+        let message = &frame.message;
+        if matches!(message.id(), RADIO_STATUS | SETUP_SIGNING)
+            || self.access.role(link) < access::needs(message)
+        {
+            return;
+        }
+        let is_behind = self.access.is_routed(link);
+        if is_behind && self.shell_routes && self.access.role(link) == Role::Engineer {
+            return;
+        }
+        let target = message.target();
+        for at in 0..self.links.len() {
+            let to = self.links[at].id;
+            let is_between = is_behind || self.access.is_routed(to);
+            if to == link || !is_between || !self.router.is_there(to, target) {
+                continue;
+            }
+            if self.passing.len() >= MAX_PASSING {
+                self.dropped_passing += 1;
+            } else if let Some(bytes) = self.signing.pass_on(to, wire) {
+                self.passing.push_back((to, bytes));
+            }
+        }
     }
 
     /// Heartbeat and telemetry that are due.
     fn beat(&mut self, now: Timestamp) {
+        if self.heartbeat.is_due(now) && self.camera.beats() {
+            for link in &self.links {
+                if now.since(link.up_at) >= CAMERA_AFTER {
+                    let beat = Camera::heartbeat().into();
+                    self.out
+                        .send_as(Speaker::Camera, Destination::Link(link.id), beat);
+                }
+            }
+        }
         self.heartbeat.tick(now, &context!(self), &mut self.out);
         self.drain(now, Class::Answer);
         self.telemetry.tick(now, &context!(self), &mut self.out);
@@ -563,6 +751,7 @@ const fn is_stream(request: &Request) -> bool {
             | Request::Manual(_)
             | Request::Offboard(_)
             | Request::RcOverride(_)
+            | Request::Sensed(_)
     )
 }
 

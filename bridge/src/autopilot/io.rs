@@ -1,10 +1,11 @@
 //! What goes into `Flight` and what comes out: values only. A flight is its log of inputs.
 
 use super::door::{Answer, Asked, Event, HostReport};
+use crate::sensor::Sample;
 use arrayvec::ArrayVec;
 use estimator::{SearchRequest, SearchResult};
 use serde::{Deserialize, Serialize};
-use vehicle::{DownRange, FlowSample, RangerReading};
+use vehicle::{DownRange, ExternalPose, FlowSample, GnssFix, RangerReading};
 
 /// A piece of the byte stream from or to the flight controller.
 pub type FcBytes = ArrayVec<u8, 256>;
@@ -31,8 +32,24 @@ pub enum Input {
     Wake,
     /// The line to the flight controller is gone.
     FcClosed,
+    /// A satellite fix.
+    Gnss(GnssFix),
+    /// A pose from a camera or a tracking system.
+    Pose(ExternalPose),
     /// The computer tells how it is.
     Host(HostReport),
+}
+
+impl From<Sample> for Input {
+    fn from(sample: Sample) -> Self {
+        match sample {
+            Sample::Ranger(reading) => Self::Ranger(reading),
+            Sample::DownRange(range) => Self::DownRange(range),
+            Sample::Flow(flow) => Self::Flow(flow),
+            Sample::Gnss(fix) => Self::Gnss(fix),
+            Sample::Pose(pose) => Self::Pose(pose),
+        }
+    }
 }
 
 /// What `Flight` wants done.

@@ -6,13 +6,16 @@
 pub mod arbiter;
 pub mod arming;
 pub mod beat;
+pub mod bench_work;
 pub mod door;
+pub mod endurance;
 pub mod failsafe_page;
 pub mod failsafes;
 pub mod flight;
 pub mod ground;
 pub mod handover;
 pub mod health;
+pub mod insight;
 pub mod io;
 pub mod keeper;
 pub mod latency;

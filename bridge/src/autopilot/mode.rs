@@ -83,6 +83,8 @@ pub enum Because {
     RangersSilent,
     /// The battery is low.
     BatteryLow,
+    /// The battery is just enough for the way home and the reserve.
+    BatteryReserve,
     /// The program is asked to end.
     ShuttingDown,
     /// The estimator has no usable state.

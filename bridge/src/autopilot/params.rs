@@ -75,8 +75,22 @@ vehicle::params! {
         fc_min_hz: float "KST_FC_MIN_HZ" = 15.0, "Hz", 0.0..=60.0;
         /// Temperature of the computer at which the vehicle lands (a Raspberry Pi switches itself off soon after).
         hot_c: float "KST_TEMP_MAX" = 90.0, "degC", 40.0..=120.0;
+        /// Time that must be left when the way home and the landing are flown, s; earlier than that it returns. 0 never.
+        battery_reserve_s: float "KST_BAT_RESERVE" = 45.0, "s", 0.0..=600.0;
+        /// Capacity of the battery, from which the time left is told before it has been learnt in flight; 0 unknown.
+        battery_capacity_mah: float "BAT1_CAPACITY" = 0.0, "mAh", 0.0..=100000.0;
         /// A pilot's radio stays connected to the flight controller and takes over by its MSP OVERRIDE switch (override mask 15).
         radio: bool "KST_RADIO" = false;
+        /// Motors may be turned by DO_MOTOR_TEST and ACTUATOR_TEST while disarmed: propellers off first.
+        motor_test: bool "KST_MOTOR_TEST" = false;
+        /// Ask the flight controller for its range finder's height (MSP_SONAR_ALTITUDE), where it has one.
+        fc_range: bool "KST_FC_RANGE" = false;
+        /// Ask the flight controller for its optical flow (MSP2_INAV_OPTICAL_FLOW, INAV only).
+        fc_flow: bool "KST_FC_FLOW" = false;
+        /// Ask the flight controller for satellite fixes (MSP_RAW_GPS).
+        fc_gps: bool "KST_FC_GPS" = false;
+        /// Satellite fixes hold the estimate where nothing better does; off: they are only shown. Indoors leave it off.
+        gnss: bool "KST_GNSS_USE" = false;
         /// RC frames a second (Betaflight drops the craft after 0.3 s without one; its serial task serves 100 messages/s).
         rc_hz: int "KST_RC_HZ" = 40, "Hz", 20..=250;
     }

@@ -199,6 +199,13 @@ mod tests {
             ),
             (
                 Facts {
+                    spare_s: Some(44.0),
+                    ..well(&p)
+                },
+                Verdict::Act(Because::BatteryReserve, Mode::Return),
+            ),
+            (
+                Facts {
                     ground_silent_s: Some(3.1),
                     ..well(&p)
                 },

@@ -1,6 +1,7 @@
 //! How long things have been wrong: clocks and counters behind the rows of the [`supervisor`](super::supervisor).
 
 use super::door::HostReport;
+use super::failsafes::Facts;
 use super::params::AutopilotParams;
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -11,6 +12,8 @@ use vehicle::{BatterySample, In, NavState, Ned, RangerReading, Setpoint, Timesta
 const RANGERS: usize = 16;
 /// A vehicle that moved this far since a ranger began to say the same has moved, m.
 const MOVED_M: f64 = 0.3;
+/// The same for a single beam, which along a wall may well say the same, m.
+const MOVED_SINGLE_M: f64 = 1.0;
 /// A stuck ranger says the same at least this often.
 const SAME_READINGS: u32 = 15;
 /// Jumps of the place are counted over this time.
@@ -130,6 +133,29 @@ impl Watch {
         self.jumps.len() as u32
     }
 
+    /// What the rows look at, as far as it is known here; the rest is as in a vehicle that stands and is well.
+    #[must_use]
+    pub fn facts<'a>(
+        &self,
+        now: Timestamp,
+        here: In<Ned>,
+        params: &'a AutopilotParams,
+    ) -> Facts<'a> {
+        Facts {
+            toppled_s: self.toppled_s,
+            tilted_s: self.tilted_s,
+            inconsistent_s: self.inconsistent_s,
+            jumps: self.jumps(),
+            stuck_s: self.stuck_s(now, here),
+            sag_s: self.sag_s,
+            no_progress_s: self.no_progress_s,
+            missed_share: self.missed_share,
+            fc_slow_s: self.slow_s,
+            host: self.host,
+            ..Facts::quiet(params)
+        }
+    }
+
     fn follow_way(&mut self, l: &Look<'_>) {
         let is_on_its_way = l.is_flying && matches!(l.setpoint, Some(Setpoint::Velocity { .. }));
         let here = l.nav.position;
@@ -180,9 +206,13 @@ impl Watch {
         self.rangers
             .iter()
             .filter(|r| {
+                let moved_m = match r.columns_mm.len() {
+                    1 => MOVED_SINGLE_M,
+                    _ => MOVED_M,
+                };
                 r.count >= SAME_READINGS
                     && now.since(r.last) < Duration::from_secs(1)
-                    && (here - r.place).norm_xy() > MOVED_M
+                    && (here - r.place).norm_xy() > moved_m
             })
             .map(|r| now.since(r.since).as_secs_f64())
             .fold(0.0, f64::max)

@@ -54,7 +54,7 @@ pub(crate) fn run(args: DemoArgs) -> Result<ExitCode> {
     // Only a flight that can be watched needs links.
     let links = match speed {
         Speed::Max if args.sim.mavlink.is_empty() => None,
-        _ => Some(args.sim.links(&mut lockstep)?),
+        _ => Some(args.sim.links(&mut lockstep.ground)?),
     };
     let mut terminal = Terminal::new(args.sim.quiet);
     let places = places(&lockstep)?;

@@ -2,7 +2,7 @@
 
 use super::fc::passthrough::open_door;
 use super::session::end_log;
-use super::sim::{StartArg, parse_endpoints};
+use super::sim::{AirframeArg, StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, load_plan, settings};
@@ -19,19 +19,28 @@ use bridge::io::host::HostWatch;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
 use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
-use bridge::io::net::{LinkEvent, Links};
+use bridge::io::net::{LinkEvent, Links, Wanted};
 use bridge::io::passthrough::Door;
+use bridge::io::uquad_lockstep::simulated_calibration;
+use bridge::io::uquad_thread::{self, ImuSource, Motors};
 use bridge::log::{GroundRecord, Header};
-use bridge::settings::Origin;
+use bridge::settings::{Origin, Settings};
+use bridge::uquad::flight::{UquadFlight, UquadFlightConfig};
+use bridge::web::{Console, ConsoleConfig, Picture, console};
 use clap::Args;
+use estimator::imu::Calibration;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
-use vehicle::{Airframe, Pace, RingConfig, Timestamp};
+use vehicle::floor_plan::Cell;
+use vehicle::{Airframe, FloorPlan, MapPose, Pace, Timestamp};
 
+/// Where stations of the local network listen, when no link is named: they find the vehicle and may watch.
+const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
 /// How often the door is looked at when no link speaks.
 const LOOK: Duration = Duration::from_millis(2);
 /// A controller that has not said who it is after this does not hear us, or we not it.
@@ -42,24 +51,46 @@ const LANDING: Duration = Duration::from_secs(30);
 /// Fly the real thing.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n\nRange finder drivers are not built yet: without a ring that speaks, take-off is refused."
+    after_help = "Examples:\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plan.yaml --mavlink udpserver://127.0.0.1:14555    a firmware simulator\n  kestrel fly --fc serial:///dev/ttyAMA0 --map plan.yaml --mavlink udpclient://192.168.1.2:14550 --sensor 'ld06:///dev/ttyUSB0?yaw_deg=180' --sensor msp:///dev/ttyUSB1\n\n  kestrel fly --airframe uquad --imu serial:///dev/ttyUSB0?baudrate=115200 --calib imu_calib.txt --motors i2c:///dev/i2c-2 --mavlink udpclient://192.168.1.2:14550\n  kestrel fly --airframe uquad --imu imu_raw.log --calib imu_calib.txt --motors sim --mavlink udpserver://127.0.0.1:14555\n\nWithout range finders that speak, take-off is refused: see --sensor and docs/sensors.md. `kestrel rehearse` gives a\nsimulated vehicle to try the whole command line on. uQuad flies without: height, heading and tilt are held, the place is not."
 )]
 pub(crate) struct FlyArgs {
     /// Flight controller: serial:///dev/...?baudrate=N or tcpclient://host:port.
-    #[arg(long, value_name = "URL")]
-    fc: String,
+    #[arg(long, value_name = "URL", required_unless_present = "imu")]
+    fc: Option<String>,
     /// Floor plan (ROS map_server YAML).
-    #[arg(long, value_name = "PLAN.yaml")]
-    map: PathBuf,
-    /// MAVLink endpoint (repeatable); only these open.
+    #[arg(long, value_name = "PLAN.yaml", required_unless_present = "imu")]
+    map: Option<PathBuf>,
+    /// The aircraft: a quadcopter with a flight controller, or uQuad, flown by motor speeds from the bytes of its inertial unit.
+    #[arg(long, value_name = "NAME", default_value = "quad")]
+    airframe: AirframeArg,
+    /// uQuad: its inertial unit, serial:///dev/...?baudrate=N, or a recorded imu_raw.log, replayed as slow as it was recorded.
+    #[arg(long, value_name = "URL|FILE", conflicts_with = "fc")]
+    imu: Option<String>,
+    /// uQuad: its motors: sim (a simulated bus), i2c:///dev/i2c-2, or stdin (a simulated bus that turns at typed speeds: four
+    /// numbers a line, rad/s).
+    #[arg(long, value_name = "sim|i2c://DEVICE|stdin", default_value = "sim")]
+    motors: String,
+    /// uQuad: calibration of its inertial unit (imu_calib.txt); default: that of the simulated chips.
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+    /// uQuad: frames of the calibration at rest.
+    #[arg(long, value_name = "N", default_value_t = 512)]
+    calibration_frames: u32,
+    /// uQuad: write x_hat.log and w.log into this folder.
+    #[arg(long, value_name = "DIR")]
+    log_dir: Option<PathBuf>,
+    #[command(flatten)]
+    uquad: super::uquad::UquadLawArgs,
+    /// MAVLink endpoint (repeatable); only these open. None: announced by broadcast to port 14550, where stations may watch. Options: ?role=viewer|pilot|engineer&key=file:PATH|pass:TEXT&rate=BYTES_PER_S&route=on.
     #[arg(long, value_name = "URL")]
     mavlink: Vec<String>,
     /// Where it stands: x,y,yaw (plan metres, radians counter-clockwise from plan x), or `unknown`; default: the plan's home.
     #[arg(long, value_name = "x,y,yaw|unknown", allow_hyphen_values = true)]
     start: Option<StartArg>,
-    /// Ring of range finders: tof32, sonar8, snsi6, or a TOML file.
-    #[arg(long, value_name = "NAME|FILE", default_value = "tof32")]
-    rangers: String,
+    /// A sensor: ld06, rplidar, tof_ring, hc_sr04, msp, mavlink, gpsd, gps_log, gps_fake, each with its device and options, like
+    /// 'ld06:///dev/ttyUSB0?yaw_deg=90' (repeatable; also as a table `sensor` in the configuration file).
+    #[arg(long = "sensor", value_name = "URL")]
+    sensors: Vec<String>,
     /// Keep parameters, mission, flight logs and uploaded files in this folder; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
@@ -76,6 +107,13 @@ pub(crate) struct FlyArgs {
     /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
     #[arg(long, value_name = "URL")]
     passthrough: Option<String>,
+    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
+    #[arg(long, value_name = "URL")]
+    video: Option<String>,
+    /// Open the console, the page in a browser, at this address (127.0.0.1:8443 if none is named). Other machines reach it only
+    /// when somebody has a password: see `kestrel passwd`.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
+    console: Option<SocketAddr>,
     /// No status line.
     #[arg(long)]
     headless: bool,
@@ -86,59 +124,37 @@ pub(crate) struct FlyArgs {
 
 pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     let stop = Stop::listen()?;
-    let fc: Endpoint = args
-        .fc
+    if args.airframe == AirframeArg::Uquad {
+        return fly_uquad(args, stop);
+    }
+    let (Some(fc_name), Some(map)) = (&args.fc, &args.map) else {
+        return Err(Usage("--imu is uQuad's: say --airframe uquad".to_owned()).into());
+    };
+    let fc: Endpoint = fc_name
         .parse()
         .map_err(|e: EndpointError| Usage(e.to_string()))?;
-    if args.mavlink.is_empty() {
-        return Err(Usage(
-            "name at least one --mavlink endpoint: in `fly` only named links open".to_owned(),
-        )
+    let wanted = wanted(&args)?;
+    let plan = Arc::new(load_plan(map)?);
+    let specs = super::sensors::specs(args.config.as_deref(), &args.sensors)?;
+    let suite = super::sensors::suite(&specs, fc_name)?;
+    let Kept {
+        state_dir,
+        mut keep,
+        settings,
+        documents,
+    } = Kept::open(&args)?;
+    let receiver = specs.iter().find(|s| s.driver.starts_with("gps"));
+    if let (true, Some(receiver)) = (settings.ground.gps_emulation, receiver) {
+        return Err(Usage(format!(
+            "KST_GPS_EMU and {receiver}: stations are told of one receiver, a real or an invented one"
+        ))
         .into());
     }
-    let wanted = parse_endpoints(&args.mavlink)?;
-    let plan = Arc::new(load_plan(&args.map)?);
-    let ring = match RingConfig::built_in(&args.rangers) {
-        Ok(ring) => ring,
-        Err(e) if !args.rangers.ends_with(".toml") => return Err(Usage(e.to_string()).into()),
-        Err(_) => {
-            let text = std::fs::read_to_string(&args.rangers)
-                .with_context(|| format!("cannot read {}", args.rangers))?;
-            RingConfig::from_toml(&text).with_context(|| format!("in {}", args.rangers))?
-        }
-    };
-    let state_dir = args
-        .state_dir
-        .clone()
-        .or_else(state_folder)
-        .ok_or_else(|| {
-            Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
-        })?;
-    let mut keep = Keep::in_folder(Some(&state_dir))
-        .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
-    let mut settings = settings(args.config.as_deref(), &[])?;
-    if let Some(bytes) = keep
-        .read("parameters.toml")
-        .context("cannot read the stored parameters")?
-    {
-        settings
-            .set_toml(&String::from_utf8_lossy(&bytes), Origin::Stored)
-            .context("in the stored parameters")?;
-    }
-    super::apply_sets(&mut settings, &args.params)?;
-    let mut documents = Vec::new();
-    for name in [
-        "mission.json",
-        "fence.json",
-        "rally.json",
-        "signing-clock.txt",
-    ] {
-        if let Some(bytes) = keep
-            .read(name)
-            .with_context(|| format!("cannot read the stored {name}"))?
-        {
-            documents.push(Document { name, bytes });
-        }
+    if let (true, Some(receiver)) = (settings.autopilot.fc_gps, receiver) {
+        return Err(Usage(format!(
+            "KST_FC_GPS and {receiver}: one source of satellite fixes at a time"
+        ))
+        .into());
     }
     let start = match args.start {
         Some(StartArg::At(pose)) => Start::Known(pose),
@@ -157,9 +173,20 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let console_config = args.console.map(|listen| ConsoleConfig {
+        listen,
+        is_default: false,
+        state_dir: Some(state_dir),
+        has_link: false,
+        names: host_names(),
+        vehicle: place_name(map),
+        us: our_address(&settings),
+        plan: Arc::clone(&plan),
+        settings: settings.clone(),
+    });
     let config = FlightConfig {
         plan,
-        ring,
+        ring: suite.ring.clone(),
         airframe: Airframe::default(),
         start,
         settings,
@@ -187,11 +214,21 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     if let Some(why) = no_log {
         ground.say(clock.now(), Severity::Warning, why);
     }
-    ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+    ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+    ground.set_video(super::video(args.video.as_deref())?);
+    if let Some(feed) = suite.mavlink {
+        ground.listen_to_sensors(feed);
+    }
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle =
         flight_thread::start(flight, fc.clone(), clock, flight_tap).map_err(|e| anyhow!(e))?;
+    let console = console_config
+        .map(|config| Console::start(config, links.joint()))
+        .transpose()?;
+    let sensors_told = bridge::io::sensors::start(suite.devices, &handle.inlet(), clock)
+        .context("cannot start the sensors")?;
     let told = match (door, handle.take_borrower()) {
         (Some(door), Some(borrower)) => Some(lend(door, borrower, fc.clone(), stop.clone())?),
         _ => None,
@@ -202,13 +239,21 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
     for link in &links.described {
         terminal.line(&format!("  MAVLink {link}"));
     }
-    terminal.line(
-        "  Range finder drivers are not built yet: take-off will be refused until a ring speaks.",
-    );
+    if suite
+        .ring
+        .rangers
+        .iter()
+        .all(vehicle::RangerConfig::looks_down)
+    {
+        terminal.line(
+            "  No range finder looks around (--sensor, docs/sensors.md): take-off will be refused.",
+        );
+    }
     GroundLoop {
         ground,
         handle,
         links,
+        console,
         keep,
         log,
         tap: ground_tap,
@@ -216,8 +261,230 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         terminal,
         clock,
         stop,
-        fc,
+        unanswered: format!(
+            "flight controller {fc} does not answer MSP: check the baud rate and that MSP is enabled on that port"
+        ),
         told,
+        sensors_told: Some(sensors_told),
+        shows_status: !args.headless,
+        waits: args.wait,
+    }
+    .run()
+}
+
+/// The links as asked for; none named = announced on the local network.
+fn wanted(args: &FlyArgs) -> Result<Vec<Wanted>> {
+    if args.mavlink.is_empty() {
+        parse_endpoints(&[ANNOUNCE.to_owned()])
+    } else {
+        parse_endpoints(&args.mavlink)
+    }
+}
+
+/// What an earlier run had kept, and the parameters.
+struct Kept {
+    state_dir: PathBuf,
+    keep: Keep,
+    settings: Settings,
+    documents: Vec<Document>,
+}
+
+impl Kept {
+    fn open(args: &FlyArgs) -> Result<Self> {
+        let state_dir = args
+            .state_dir
+            .clone()
+            .or_else(state_folder)
+            .ok_or_else(|| {
+                Usage("no home folder to keep parameters in: name one with --state-dir".to_owned())
+            })?;
+        let keep = Keep::in_folder(Some(&state_dir))
+            .with_context(|| format!("cannot make the state folder {}", state_dir.display()))?;
+        let mut settings = settings(args.config.as_deref(), &[])?;
+        if let Some(bytes) = keep
+            .read("parameters.toml")
+            .context("cannot read the stored parameters")?
+        {
+            settings
+                .set_toml(&String::from_utf8_lossy(&bytes), Origin::Stored)
+                .context("in the stored parameters")?;
+        }
+        super::apply_sets(&mut settings, &args.params)?;
+        let mut documents = Vec::new();
+        for name in [
+            "mission.json",
+            "fence.json",
+            "rally.json",
+            "signing-clock.txt",
+        ] {
+            if let Some(bytes) = keep
+                .read(name)
+                .with_context(|| format!("cannot read the stored {name}"))?
+            {
+                documents.push(Document { name, bytes });
+            }
+        }
+        Ok(Self {
+            state_dir,
+            keep,
+            settings,
+            documents,
+        })
+    }
+}
+
+/// Side of the empty plan that uQuad flies over without one, m.
+const FIELD_M: f64 = 40.0;
+
+/// Open floor with home in its middle.
+fn field() -> Result<FloorPlan> {
+    let cells = (FIELD_M / 0.25) as usize;
+    let middle = FIELD_M / 2.0;
+    let mut plan = FloorPlan::from_cells(cells, 0.25, [0.0, 0.0], vec![Cell::Free; cells * cells])?;
+    plan.home = Some(MapPose::new(middle, middle, 0.0));
+    Ok(plan)
+}
+
+/// Where the frames come from.
+fn imu_source(imu: &str) -> Result<ImuSource> {
+    if imu.contains("://") {
+        let endpoint: Endpoint = imu
+            .parse()
+            .map_err(|e: EndpointError| Usage(e.to_string()))?;
+        return Ok(ImuSource::Line(endpoint));
+    }
+    let text = std::fs::read_to_string(imu)
+        .with_context(|| format!("cannot read the recorded frames {imu}"))?;
+    let (frames, refused) = super::eval::uquad_frames(&text);
+    if let Some(first) = refused.first() {
+        super::term::complain(&format!(
+            "{} rows of {imu} are not used, the first: {first}",
+            refused.len()
+        ));
+    }
+    if frames.is_empty() {
+        return Err(anyhow!("{imu} has no usable row of imu_raw (14 columns)"));
+    }
+    Ok(ImuSource::Recording(frames))
+}
+
+fn motors(name: &str) -> Result<Motors> {
+    match name.strip_prefix("i2c://") {
+        Some(path) => Ok(Motors::I2c(PathBuf::from(path))),
+        None if name == "sim" => Ok(Motors::Simulated),
+        None if name == "stdin" => Ok(Motors::Typed),
+        None => Err(Usage(format!(
+            "--motors {name}: write sim, i2c:///dev/i2c-2 or stdin"
+        ))
+        .into()),
+    }
+}
+
+/// uQuad: no flight controller, its own thread.
+fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
+    let Some(imu) = args.imu.clone() else {
+        return Err(Usage(
+            "--airframe uquad needs --imu serial:///dev/... or --imu imu_raw.log".to_owned(),
+        )
+        .into());
+    };
+    let motors = motors(&args.motors)?;
+    let wanted = wanted(&args)?;
+    let plan = Arc::new(match &args.map {
+        Some(path) => load_plan(path)?,
+        None => field()?,
+    });
+    let calibration = match &args.calib {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            Calibration::parse(&text)
+                .with_context(|| format!("cannot use the calibration {}", path.display()))?
+        }
+        None => simulated_calibration(),
+    };
+    // No ring of range finders speaks here yet: there is no position source.
+    if args.uquad.states().is_none() {
+        args.uquad.without_place();
+    }
+    if args.uquad.has_place() {
+        return Err(Usage(
+            "--states 12 needs a position source, and range finder drivers are not built yet"
+                .to_owned(),
+        )
+        .into());
+    }
+    let law = args.uquad.law()?;
+    let mut uquad = args.uquad.config(&law)?;
+    uquad.imu.calibration_frames = args.calibration_frames;
+    let source = imu_source(&imu)?;
+    let Kept {
+        keep,
+        settings,
+        documents,
+        ..
+    } = Kept::open(&args)?;
+    let start = match args.start {
+        Some(StartArg::At(pose)) => Start::Known(pose),
+        Some(StartArg::Unknown) => Start::Unknown,
+        None => Start::Known(plan.home.unwrap_or_default()),
+    };
+    let clock = Clock::start(1.0);
+    let boot_utc_us = clock::utc_us();
+    let mut ground = Ground::new(GroundConfig {
+        us: our_address(&settings),
+        settings: settings.clone(),
+        anchor: plan.anchor(),
+        plan: Arc::clone(&plan),
+        airframe: bridge::uquad::flight::airframe(&uquad.filter.craft),
+        boot_utc_us,
+        documents,
+    });
+    let flight = UquadFlight::new(
+        clock.now(),
+        UquadFlightConfig {
+            plan,
+            ring: None,
+            start,
+            settings,
+            seed: boot_utc_us,
+            calibration,
+            uquad,
+            weights: law.weights(),
+            list: args.uquad.list()?,
+        },
+    )
+    .map_err(|e| Usage(e.to_string()))?;
+    ground.snapshot(clock.now(), flight.snapshot());
+    ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+    let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
+    let handle = uquad_thread::start(flight, source, &motors, args.log_dir.as_deref(), clock)?;
+    let mut terminal = Terminal::new(args.quiet);
+    terminal.line(&format!(
+        "Kestrel {}: uQuad, inertial unit {imu}, motors {}",
+        env!("CARGO_PKG_VERSION"),
+        args.motors
+    ));
+    for link in &links.described {
+        terminal.line(&format!("  MAVLink {link}"));
+    }
+    terminal.line("  No position source: height, heading and tilt are held, the place is not.");
+    GroundLoop {
+        ground,
+        handle,
+        links,
+        console: None,
+        keep,
+        log: None,
+        tap: None,
+        texts_logged: 0,
+        terminal,
+        clock,
+        stop,
+        unanswered: format!("no frame comes from the inertial unit {imu}: check the baud rate"),
+        told: None,
+        sensors_told: None,
         shows_status: !args.headless,
         waits: args.wait,
     }
@@ -254,6 +521,28 @@ fn lend(door: Door, borrower: Borrower, fc: Endpoint, stop: Stop) -> Result<Rece
     Ok(told)
 }
 
+/// What people call the place of a plan: its file, or its folder if the file is called like every other.
+fn place_name(map: &Path) -> String {
+    let stem = map.file_stem().unwrap_or_default();
+    let folder = map.parent().and_then(Path::file_name);
+    match folder {
+        Some(folder) if stem == "plan" || stem == "map" => folder,
+        _ => stem,
+    }
+    .to_string_lossy()
+    .into_owned()
+}
+
+/// What this machine is called by others.
+fn host_names() -> Vec<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim().to_ascii_lowercase();
+    if name.is_empty() {
+        return Vec::new();
+    }
+    vec![format!("{name}.local"), name]
+}
+
 /// Where a user's programs keep what they must remember (XDG base directories).
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let folder = |name: &str| {
@@ -271,6 +560,7 @@ struct GroundLoop {
     ground: Ground,
     handle: FlightHandle,
     links: Links,
+    console: Option<Console>,
     keep: Keep,
     log: Option<LogThread>,
     tap: Option<GroundTap>,
@@ -278,9 +568,12 @@ struct GroundLoop {
     terminal: Terminal,
     clock: Clock,
     stop: Stop,
-    fc: Endpoint,
+    /// What to say when nothing is heard.
+    unanswered: String,
     /// What the thread of `--passthrough` tells.
     told: Option<Receiver<String>>,
+    /// What the threads of sensors tell.
+    sensors_told: Option<Receiver<String>>,
     shows_status: bool,
     /// A controller that has never answered is waited for.
     waits: bool,
@@ -300,6 +593,8 @@ impl GroundLoop {
         let mut stopping_since: Option<Timestamp> = None;
         let mut host_watch = HostWatch::default();
         let mut host_pace = Pace::hz(1.0);
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
@@ -345,6 +640,11 @@ impl GroundLoop {
                     News::LineAbsent(why) => self
                         .terminal
                         .line(&format!("  {why}; trying again until it is there")),
+                    News::RecordingOver => {
+                        self.terminal.line("  the recording is over");
+                        self.terminal.finish();
+                        return Ok(ExitCode::SUCCESS);
+                    }
                     News::LineOpened => {
                         is_open = true;
                         opened_at = now;
@@ -354,6 +654,14 @@ impl GroundLoop {
             }
             while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
                 self.terminal.line(&format!("  {text}"));
+            }
+            while let Some(text) = self
+                .sensors_told
+                .as_ref()
+                .and_then(|told| told.try_recv().ok())
+            {
+                self.terminal.line(&format!("  {text}"));
+                self.ground.say(now, Severity::Notice, text);
             }
             self.handle.read_snapshot(&mut snapshot);
             if snapshot.flight_loop.ticks != seen_tick {
@@ -371,6 +679,7 @@ impl GroundLoop {
             }
             self.carry_out();
             self.terminal.texts(&self.ground, &mut texts_shown);
+            self.show(&snapshot, known.len());
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(&snapshot, known.len());
             }
@@ -378,10 +687,7 @@ impl GroundLoop {
                 (is_open, was_connected) = (false, true);
             } else if is_open && now.since(opened_at) > FIRST_ANSWER {
                 is_open = false;
-                let why = format!(
-                    "flight controller {} does not answer MSP: check the baud rate and that MSP is enabled on that port",
-                    self.fc
-                );
+                let why = &self.unanswered;
                 if !was_connected && !self.waits {
                     self.terminal.finish();
                     return Err(anyhow!("{why} (--wait asks on)"));
@@ -416,6 +722,27 @@ impl GroundLoop {
         }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Shows the vehicle to the console's pages.
+    fn show(&mut self, snapshot: &Snapshot, links: usize) {
+        let Some(console) = &mut self.console else {
+            return;
+        };
+        while let Some(line) = console.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
+        if console.wants_picture() {
+            let mut picture = Picture {
+                snapshot: snapshot.clone(),
+                control: self.ground.control(),
+                links: links as u32,
+                dropped: self.links.dropped(),
+                ..Picture::default()
+            };
+            self.handle.read_insight(&mut picture.insight);
+            console.show(picture);
+        }
     }
 
     fn carry_out(&mut self) {

@@ -120,7 +120,7 @@ pub(crate) fn run(args: LogArgs) -> Result<ExitCode> {
             }
         }
         LogCommand::Cut { file, until, out } => {
-            if until.is_some_and(|s| !(s >= 0.0)) {
+            if until.is_some_and(|s| s.is_nan() || s < 0.0) {
                 return Err(Usage("--until is a time in seconds".to_owned()).into());
             }
             let (bytes, seconds) = cut(&read(&file)?, until)?;

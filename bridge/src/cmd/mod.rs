@@ -1,6 +1,7 @@
 //! Sub-commands of the program, one file each.
 
 pub(crate) mod demo;
+pub(crate) mod doctor;
 pub(crate) mod eval;
 pub(crate) mod experiment;
 pub(crate) mod fc;
@@ -8,20 +9,30 @@ pub(crate) mod firmware;
 pub(crate) mod fly;
 pub(crate) mod keys;
 pub(crate) mod log;
+pub(crate) mod map;
+pub(crate) mod mav;
 pub(crate) mod motors;
 pub(crate) mod msp;
 pub(crate) mod msp_ask;
 pub(crate) mod msp_serve;
 pub(crate) mod params;
+pub(crate) mod passwd;
 pub(crate) mod picture;
+pub(crate) mod plan;
+pub(crate) mod plan_picture;
+pub(crate) mod rehearse;
 pub(crate) mod replay;
 pub(crate) mod rooms;
+pub(crate) mod sensors;
 pub(crate) mod session;
 pub(crate) mod sim;
 pub(crate) mod stop;
 pub(crate) mod term;
+pub(crate) mod tune;
+pub(crate) mod uquad;
 
 use anyhow::{Context as _, Result};
+use bridge::gcs::camera::VideoStream;
 use bridge::settings::{Origin, Settings};
 use std::path::Path;
 use vehicle::FloorPlan;
@@ -56,6 +67,13 @@ pub(crate) fn apply_sets(settings: &mut Settings, sets: &[String]) -> Result<()>
             .map_err(|e| Usage(e.to_string()))?;
     }
     Ok(())
+}
+
+/// `--video URL`.
+pub(crate) fn video(url: Option<&str>) -> Result<Option<VideoStream>> {
+    url.map(VideoStream::parse)
+        .transpose()
+        .map_err(|e| Usage(e.to_string()).into())
 }
 
 /// A floor plan from its YAML file.

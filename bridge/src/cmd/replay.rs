@@ -199,7 +199,7 @@ impl Audience {
             documents: Vec::new(),
             settings: config.settings,
         });
-        ground.set_keys(wanted.iter().map(|w| w.key.clone()).collect());
+        ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
         let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
         Ok(Some(Self {
             ground,

@@ -5,8 +5,9 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use sim::Room;
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use vehicle::FloorPlan;
 
 /// List the bundled rooms, or write one as a floor plan.
 #[derive(Debug, Args)]
@@ -32,6 +33,20 @@ pub(crate) fn bundled(name: &str) -> Result<Room> {
                 .unwrap_or_default()
         ))
     })?)
+}
+
+/// The floor plan of a bundled room, or one from its YAML file.
+pub(crate) fn plan_of(map: &str) -> Result<FloorPlan> {
+    if is_file(map) {
+        super::load_plan(Path::new(map))
+    } else {
+        Ok(bundled(map)?.floor_plan().as_ref().clone())
+    }
+}
+
+/// A path, not a name.
+pub(crate) fn is_file(map: &str) -> bool {
+    map.contains('/') || map.ends_with(".yaml") || map.ends_with(".yml")
 }
 
 pub(crate) fn run(args: &RoomsArgs) -> Result<ExitCode> {

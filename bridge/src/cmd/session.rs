@@ -3,14 +3,20 @@
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
-use bridge::autopilot::door::HostReport;
-use bridge::gcs::Document;
+use bridge::autopilot::door::{HostReport, Snapshot};
+use bridge::autopilot::flight::Flight;
+use bridge::autopilot::ground::Ground;
+use bridge::gcs::disk::{DiskReply, Ticket};
+use bridge::gcs::{Document, LinkId};
 use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
+use bridge::io::firmware::Outside;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, Outgoing};
 use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
+use bridge::io::uquad_lockstep::UquadLockstep;
+use bridge::web::{Console, Picture};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -64,10 +70,94 @@ pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
     }
 }
 
+/// A simulated vehicle with its brain, whichever.
+pub(crate) trait World {
+    fn now(&self) -> Timestamp;
+    fn advance(&mut self, until: Timestamp);
+    fn snapshot(&self) -> &Snapshot;
+    fn ground(&self) -> &Ground;
+    fn link_up(&mut self, link: LinkId);
+    fn link_down(&mut self, link: LinkId);
+    fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool);
+    fn disk(&mut self, ticket: Ticket, reply: &DiskReply);
+    fn shut_down(&mut self);
+    fn host(&mut self, report: HostReport);
+    fn poll(&mut self) -> Option<Outgoing>;
+    fn flush(&mut self);
+    fn write_error(&mut self) -> Option<std::io::Error>;
+    /// The brain, if it is the one whose thoughts the console shows.
+    fn flight(&self) -> Option<&Flight> {
+        None
+    }
+    /// The real firmware, if it flies.
+    fn firmware(&mut self) -> Option<&mut Outside> {
+        None
+    }
+}
+
+/// Both worlds have methods of these names.
+macro_rules! world {
+    ($world:ty { $($more:item)* }) => {
+        impl World for $world {
+            fn now(&self) -> Timestamp {
+                <$world>::now(self)
+            }
+            fn advance(&mut self, until: Timestamp) {
+                <$world>::advance(self, until);
+            }
+            fn snapshot(&self) -> &Snapshot {
+                <$world>::snapshot(self)
+            }
+            fn ground(&self) -> &Ground {
+                &self.ground
+            }
+            fn link_up(&mut self, link: LinkId) {
+                <$world>::link_up(self, link);
+            }
+            fn link_down(&mut self, link: LinkId) {
+                <$world>::link_down(self, link);
+            }
+            fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool) {
+                <$world>::receive(self, link, bytes, is_datagram);
+            }
+            fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
+                <$world>::disk(self, ticket, reply);
+            }
+            fn shut_down(&mut self) {
+                <$world>::shut_down(self);
+            }
+            fn host(&mut self, report: HostReport) {
+                <$world>::host(self, report);
+            }
+            fn poll(&mut self) -> Option<Outgoing> {
+                <$world>::poll(self)
+            }
+            fn flush(&mut self) {
+                <$world>::flush(self);
+            }
+            fn write_error(&mut self) -> Option<std::io::Error> {
+                self.write_error.take()
+            }
+            $($more)*
+        }
+    };
+}
+
+world!(Lockstep {
+    fn flight(&self) -> Option<&Flight> {
+        Some(&self.flight)
+    }
+    fn firmware(&mut self) -> Option<&mut Outside> {
+        Self::firmware(self)
+    }
+});
+world!(UquadLockstep {});
+
 /// Everything a running simulation needs.
-pub(crate) struct Session {
-    pub(crate) lockstep: Lockstep,
+pub(crate) struct Session<W> {
+    pub(crate) lockstep: W,
     pub(crate) links: Links,
+    pub(crate) console: Option<Console>,
     pub(crate) keep: Keep,
     pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
@@ -77,13 +167,15 @@ pub(crate) struct Session {
     pub(crate) shows_status: bool,
 }
 
-impl Session {
+impl<W: World> Session<W> {
     /// Runs until stopped.
     pub(crate) fn run(mut self) -> Result<ExitCode> {
         let clock = Clock::start(self.speed.unwrap_or(1.0));
         let mut known = BTreeSet::new();
         let mut status = Pace::hz(2.0 * self.speed.unwrap_or(1.0).recip().min(5.0));
         let mut texts_shown = Timestamp::ZERO;
+        // Made at first use, which would hold up the first station that asks.
+        std::thread::spawn(bridge::gcs::metadata::general_crc);
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
         let mut was_failing = false;
@@ -123,7 +215,9 @@ impl Session {
                     ..HostReport::default()
                 });
             }
-            self.terminal.texts(&self.lockstep.ground, &mut texts_shown);
+            self.terminal
+                .texts(self.lockstep.ground(), &mut texts_shown);
+            self.show(&known);
             if self.shows_status && status.is_due(now) {
                 self.terminal.status(self.lockstep.snapshot(), known.len());
             }
@@ -157,13 +251,13 @@ impl Session {
         if let Some(log) = self.log.take() {
             end_log(log, &mut self.terminal);
         }
-        if let Some(e) = self.lockstep.write_error.take() {
+        if let Some(e) = self.lockstep.write_error() {
             return Err(anyhow::Error::new(e).context("a log could not be written completely"));
         }
         Ok(ExitCode::SUCCESS)
     }
 
-    fn take_links(&mut self, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+    fn take_links(&mut self, known: &mut BTreeSet<LinkId>) {
         // Bounded: a flood waits in its queue, not in our loop.
         for _ in 0..256 {
             let Some(event) = self.links.poll() else {
@@ -173,7 +267,7 @@ impl Session {
         }
     }
 
-    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<bridge::gcs::LinkId>) {
+    fn link_event(&mut self, event: LinkEvent, known: &mut BTreeSet<LinkId>) {
         match event {
             LinkEvent::Up(link) => {
                 known.insert(link);
@@ -190,6 +284,29 @@ impl Session {
             } => self.lockstep.receive(link, &bytes, is_datagram),
         }
         self.carry_out();
+    }
+
+    /// Shows the vehicle to the console's pages.
+    fn show(&mut self, known: &BTreeSet<LinkId>) {
+        let Some(console) = &mut self.console else {
+            return;
+        };
+        while let Some(line) = console.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
+        if console.wants_picture() {
+            let mut picture = Picture {
+                snapshot: self.lockstep.snapshot().clone(),
+                control: self.lockstep.ground().control(),
+                links: known.len() as u32,
+                dropped: self.links.dropped(),
+                ..Picture::default()
+            };
+            if let Some(flight) = self.lockstep.flight() {
+                picture.insight.look(flight);
+            }
+            console.show(picture);
+        }
     }
 
     fn carry_out(&mut self) {

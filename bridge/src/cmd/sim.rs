@@ -6,21 +6,27 @@ use super::term::Terminal;
 use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
+use bridge::autopilot::ground::Ground;
 use bridge::gcs::Document;
+use bridge::gcs::access::LinkPolicy;
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
-use bridge::io::lockstep::{Lockstep, LockstepConfig};
+use bridge::io::lockstep::{Lockstep, LockstepConfig, our_address};
 use bridge::io::logger::{self, DiskFiles, Limits, LogThread, WhenFull};
 use bridge::io::net::{Links, Wanted};
 use bridge::io::truth::TruthFile;
+use bridge::io::uquad_lockstep::{UquadLockstep, UquadLockstepConfig};
 use bridge::log::record::LogSink;
 use bridge::settings::{Origin, Settings};
+use bridge::web::{Console, ConsoleConfig, console};
 use clap::{Args, ValueEnum};
 use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
 use std::collections::BTreeSet;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::Duration;
 use vehicle::{FloorPlan, In, MapPose, RingConfig, Timestamp};
 
@@ -35,7 +41,7 @@ const DOCUMENTS: [&str; 4] = [
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
+    after_help = "Examples:\n  kestrel sim                                      the office, real time, UDP 14550/14540/14555 and TCP 5760\n  kestrel sim maze --seed 7 --rangers sonar8\n  kestrel sim plans/plan.yaml --start 2.0,3.5,0\n  kestrel sim --start unknown                      it does not know where it stands\n  kestrel sim --manner inav                        the flight controller behaves like INAV 9\n  kestrel sim --firmware inav --fc tcpclient://127.0.0.1:5770   INAV itself, started with --tcpbaseport 5770\n  kestrel sim --airframe uquad                     uQuad: inertial unit, thesis filter, LQR, motor driver\n  kestrel sim --airframe uquad --states 8          without a position source\n  kestrel sim --console 127.0.0.1:9000                the page in a browser at another port\n  kestrel sim --mavlink udpserver://127.0.0.1:14600 --truth truth.csv --speed 4 --headless"
 )]
 pub(crate) struct SimArgs {
     /// A bundled room (see `kestrel rooms`) or the YAML of a floor plan.
@@ -62,6 +68,11 @@ pub(crate) struct SimArgs {
     /// provision`).
     #[arg(long, value_name = "STATE", default_value_t = Delivery::default())]
     pub(crate) fc_settings: Delivery,
+    /// The aircraft: a quadcopter with a flight controller, or uQuad, flown by motor speeds from the bytes of its inertial unit.
+    #[arg(long, value_name = "NAME", default_value = "quad")]
+    pub(crate) airframe: AirframeArg,
+    #[command(flatten)]
+    pub(crate) uquad: super::uquad::UquadLawArgs,
     /// Optical flow sensor.
     #[arg(long, default_value = "on")]
     pub(crate) flow: Switch,
@@ -90,6 +101,9 @@ pub(crate) struct SimArgs {
     /// MAVLink endpoint (repeatable); replaces the default set.
     #[arg(long, value_name = "URL")]
     pub(crate) mavlink: Vec<String>,
+    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
+    #[arg(long, value_name = "URL")]
+    pub(crate) video: Option<String>,
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
@@ -109,12 +123,22 @@ pub(crate) struct SimArgs {
         allow_hyphen_values = true
     )]
     pub(crate) person: Vec<PersonArg>,
+    /// A box that the plan does not show: centre x,y and side (plan metres; repeatable).
+    #[arg(long, value_name = "x,y,side", allow_hyphen_values = true)]
+    pub(crate) obstacle: Vec<BoxArg>,
     /// Charge of the battery at start, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
     pub(crate) battery: f64,
     /// Test of failsafes: hold the flight loop at a time, for a time (s), while the world goes on.
     #[arg(long, hide = true, value_name = "AT,FOR")]
     pub(crate) hold: Option<HoldArg>,
+    /// Address of the console, the page in a browser; default: 127.0.0.1, port 8443 + 10 N (or the next free one). Other
+    /// machines reach it only when somebody has a password: see `kestrel passwd`.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
+    pub(crate) console: Option<SocketAddr>,
+    /// No console.
+    #[arg(long, conflicts_with = "console")]
+    pub(crate) no_console: bool,
     /// Configuration file (TOML, one table per section of `kestrel params`).
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
@@ -139,6 +163,8 @@ impl Default for SimArgs {
             rangers: "tof32".to_owned(),
             manner: Manner::default(),
             fc_settings: Delivery::default(),
+            airframe: AirframeArg::Quad,
+            uquad: super::uquad::UquadLawArgs::default(),
             flow: Switch::On,
             firmware: FirmwareArg::BuiltIn,
             fc: None,
@@ -148,19 +174,32 @@ impl Default for SimArgs {
             fc_dir: None,
             no_provision: false,
             mavlink: Vec::new(),
+            video: None,
             truth: None,
             log: None,
             state_dir: None,
             instance: 0,
             person: Vec::new(),
+            obstacle: Vec::new(),
             battery: 100.0,
             hold: None,
+            console: None,
+            no_console: false,
             config: None,
             params: Vec::new(),
             headless: false,
             quiet: false,
         }
     }
+}
+
+/// `--airframe`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AirframeArg {
+    /// Indoor quadcopter with a flight controller behind MSP.
+    Quad,
+    /// uQuad: four motors on I2C, an inertial unit on a serial line, no flight controller.
+    Uquad,
 }
 
 /// `--firmware`.
@@ -272,6 +311,20 @@ impl FromStr for PersonArg {
     }
 }
 
+/// `--obstacle`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BoxArg([f64; 3]);
+
+impl FromStr for BoxArg {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        match numbers(s)[..] {
+            [x, y, side] if side > 0.0 => Ok(Self([x, y, side])),
+            _ => Err("x,y,side (plan metres)".to_owned()),
+        }
+    }
+}
+
 /// Finite numbers between commas; none if one is not.
 fn numbers(s: &str) -> Vec<f64> {
     let all: Option<Vec<f64>> = s
@@ -299,9 +352,7 @@ pub(crate) struct Built {
 
 impl SimArgs {
     fn room(&self) -> Result<Room> {
-        let looks_like_a_file =
-            self.room.contains('/') || self.room.ends_with(".yaml") || self.room.ends_with(".yml");
-        if looks_like_a_file {
+        if rooms::is_file(&self.room) {
             let path = Path::new(&self.room);
             Ok(Room::from_plan(&self.room, super::load_plan(path)?))
         } else {
@@ -349,9 +400,14 @@ impl SimArgs {
         Ok(settings)
     }
 
-    /// World, vehicle and brain as the arguments describe them.
-    pub(crate) fn build(&self, when_full: WhenFull) -> Result<Built> {
-        let mut keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
+    /// Parameters as the arguments give them, without those that an earlier run has kept.
+    pub(crate) fn settings_now(&self) -> Result<Settings> {
+        super::settings(self.config.as_deref(), &self.params)
+    }
+
+    /// What every simulated vehicle is made from.
+    fn describe(&self) -> Result<Described> {
+        let keep = Keep::in_folder(self.state_dir.as_deref()).with_context(|| {
             format!(
                 "cannot make the state folder {}",
                 self.state_dir
@@ -360,7 +416,8 @@ impl SimArgs {
                     .display()
             )
         })?;
-        let room = self.room()?;
+        let boxes: Vec<[f64; 3]> = self.obstacle.iter().map(|b| b.0).collect();
+        let room = self.room()?.with_boxes(&boxes);
         let settings = self.settings(&keep)?;
         let (pose, start) = match self.start {
             None => (room.home(), Start::Known(room.home())),
@@ -392,6 +449,24 @@ impl SimArgs {
                 documents.push(Document { name, bytes });
             }
         }
+        Ok(Described {
+            sim,
+            start,
+            settings,
+            documents,
+            keep,
+        })
+    }
+
+    /// World, vehicle and brain as the arguments describe them.
+    pub(crate) fn build(&self, when_full: WhenFull) -> Result<Built> {
+        let Described {
+            sim,
+            start,
+            settings,
+            documents,
+            mut keep,
+        } = self.describe()?;
         let limits = Limits::of(&settings);
         let config = LockstepConfig {
             sim,
@@ -434,29 +509,106 @@ impl SimArgs {
         })
     }
 
+    /// The console, unless it is not wanted.
+    fn console(
+        &self,
+        ground: &Ground,
+        plan: Arc<FloorPlan>,
+        links: &Links,
+    ) -> Result<Option<Console>> {
+        if self.no_console {
+            return Ok(None);
+        }
+        let default = SocketAddr::from(([127, 0, 0, 1], console::PORT + 10 * self.instance));
+        let config = ConsoleConfig {
+            listen: self.console.unwrap_or(default),
+            is_default: self.console.is_none(),
+            state_dir: self.state_dir.clone(),
+            has_link: self.console.is_none_or(|a| a.ip().is_loopback()),
+            names: Vec::new(),
+            vehicle: self.room.clone(),
+            us: our_address(ground.settings()),
+            plan,
+            settings: ground.settings().clone(),
+        };
+        Ok(Some(Console::start(config, links.joint())?))
+    }
+
+    /// uQuad in its world.
+    fn build_uquad(&self) -> Result<(UquadLockstep, Keep)> {
+        if self.firmware != FirmwareArg::BuiltIn || self.log.is_some() || self.hold.is_some() {
+            return Err(Usage(
+                "--airframe uquad has no flight controller: --firmware, --log and --hold do not apply"
+                    .to_owned(),
+            )
+            .into());
+        }
+        let Described {
+            sim,
+            start,
+            settings,
+            documents,
+            keep,
+        } = self.describe()?;
+        let law = self.uquad.law()?;
+        let uquad = self.uquad.config(&law)?;
+        let mut world = UquadLockstep::new(UquadLockstepConfig {
+            sim,
+            start,
+            settings,
+            documents,
+            uquad,
+            weights: law.weights(),
+            list: self.uquad.list()?,
+            has_place: self.uquad.has_place(),
+        })?;
+        if let Some(path) = &self.truth {
+            world.write_truth(
+                TruthFile::create(path)
+                    .with_context(|| format!("cannot write {}", path.display()))?,
+            );
+        }
+        Ok((world, keep))
+    }
+
     /// Links as asked for; none named = the default set.
-    pub(crate) fn links(&self, lockstep: &mut Lockstep) -> Result<Links> {
+    pub(crate) fn links(&self, ground: &mut Ground) -> Result<Links> {
         let wanted: Vec<Wanted> = if self.mavlink.is_empty() {
             DEFAULT_LINKS
                 .iter()
                 .map(|link| {
                     let port = link.port + 10 * self.instance;
                     let address = format!("127.0.0.1:{port}");
+                    let endpoint = (link.endpoint)(address);
                     Wanted {
-                        endpoint: (link.endpoint)(address),
+                        policy: LinkPolicy {
+                            url: endpoint.to_string(),
+                            ..LinkPolicy::default()
+                        },
+                        endpoint,
                         is_default: true,
-                        key: None,
                     }
                 })
                 .collect()
         } else {
             parse_endpoints(&self.mavlink)?
         };
-        lockstep
-            .ground
-            .set_keys(wanted.iter().map(|w| w.key.clone()).collect());
-        Links::open(&wanted).map_err(|e| anyhow!(e))
+        ground.set_video(super::video(self.video.as_deref())?);
+        ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
+        let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
+        let us = our_address(ground.settings());
+        ground.set_shell_routes(links.routes_as(us));
+        Ok(links)
     }
+}
+
+/// What every simulated vehicle is made from.
+struct Described {
+    sim: SimConfig,
+    start: Start,
+    settings: Settings,
+    documents: Vec<Document>,
+    keep: Keep,
 }
 
 /// A free place that a seed chooses: reachable from home, clear of walls, any heading.
@@ -505,12 +657,12 @@ pub(crate) fn parse_endpoints(urls: &[String]) -> Result<Vec<Wanted>> {
     urls.iter()
         .map(|url| {
             let wrong = |e: EndpointError| Usage(e.to_string());
-            let (url, key) = endpoint::split_key(url).map_err(wrong)?;
+            let (url, policy) = endpoint::split_options(url).map_err(wrong)?;
             let endpoint: Endpoint = url.parse().map_err(wrong)?;
             Ok(Wanted {
                 endpoint,
                 is_default: false,
-                key,
+                policy,
             })
         })
         .collect()
@@ -522,6 +674,24 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         Speed::Times(x) => Some(x),
         Speed::Max => None,
     };
+    if args.airframe == AirframeArg::Uquad {
+        let (mut lockstep, keep) = args.build_uquad()?;
+        let links = args.links(&mut lockstep.ground)?;
+        let console = args.console(&lockstep.ground, lockstep.simulator.floor_plan(), &links)?;
+        let terminal = args.greet(&links);
+        return Session {
+            lockstep,
+            links,
+            console,
+            keep,
+            log: None,
+            terminal,
+            stop,
+            speed,
+            shows_status: !args.headless,
+        }
+        .run();
+    }
     let when_full = match speed {
         Some(_) => WhenFull::Lose,
         None => WhenFull::Wait,
@@ -531,27 +701,17 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         keep,
         log,
     } = args.build(when_full)?;
-    let links = args.links(&mut lockstep)?;
-    let mut terminal = Terminal::new(args.quiet);
-    terminal.line(&format!(
-        "Kestrel {} in `{}`, seed {}, ring {}",
-        env!("CARGO_PKG_VERSION"),
-        args.room,
-        args.seed,
-        args.rangers
-    ));
-    for link in &links.described {
-        terminal.line(&format!("  MAVLink {link}"));
-    }
-    terminal.line(
-        "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
-    );
+    let links = args.links(&mut lockstep.ground)?;
+    // After the links: a ground station hears the first heartbeat without waiting for a certificate.
+    let console = args.console(&lockstep.ground, lockstep.simulator.floor_plan(), &links)?;
+    let mut terminal = args.greet(&links);
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
     }
     Session {
         lockstep,
         links,
+        console,
         keep,
         log,
         terminal,
@@ -560,4 +720,28 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         shows_status: !args.headless,
     }
     .run()
+}
+
+impl SimArgs {
+    fn greet(&self, links: &Links) -> Terminal {
+        let mut terminal = Terminal::new(self.quiet);
+        let what = match self.airframe {
+            AirframeArg::Quad => "",
+            AirframeArg::Uquad => ", uQuad",
+        };
+        terminal.line(&format!(
+            "Kestrel {} in `{}`, seed {}, ring {}{what}",
+            env!("CARGO_PKG_VERSION"),
+            self.room,
+            self.seed,
+            self.rangers
+        ));
+        for link in &links.described {
+            terminal.line(&format!("  MAVLink {link}"));
+        }
+        terminal.line(
+            "  Open a ground station now (QGroundControl finds it by itself). Ctrl-C lands and ends.",
+        );
+        terminal
+    }
 }

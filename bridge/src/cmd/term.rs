@@ -24,6 +24,16 @@ pub(crate) fn complain(text: &str) {
     };
 }
 
+/// One line of warning.
+pub(crate) fn warn(text: &str) {
+    let mut out = stderr().lock();
+    let _ = if stderr().is_terminal() {
+        writeln!(out, "{BOLD}warning:{PLAIN} {text}")
+    } else {
+        writeln!(out, "warning: {text}")
+    };
+}
+
 /// A terminal, or a pipe that gets the same words without colours and without overwriting.
 #[derive(Debug)]
 pub(crate) struct Terminal {

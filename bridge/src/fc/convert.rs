@@ -7,19 +7,26 @@
 //! | RAW_IMU gyro counts, x roll right, y nose down, z counter-clockwise | rad/s: (x, -y, -z) |
 //! | RAW_IMU mag counts, forward left up; all zero without a magnetometer | counts, (x, -y, -z); none |
 //! | ALTITUDE cm, cm/s | m, m/s, up + |
+//! | SONAR_ALTITUDE cm, corrected for tilt; 0 and less = none | m along body down |
+//! | INAV_OPTICAL_FLOW deg/s, x roll right, y nose down, quality 0-100 | rad/s: (x, -y), 0-255 |
+//! | RAW_GPS 1e-7 deg, m, cm/s, 0.1 deg, DOP times 100 | deg, m, m/s |
 //! | ANALOG, BATTERY_STATE, INAV_ANALOG 0.1 or 0.01 V, 0.01 A | V, A |
 //!
 //! Source: `msp-facts` sections 4 and 5, measured against running Betaflight and INAV.
 
 use crate::autopilot::door::FcBlocks;
+use crate::sensor::gps::RawFix;
 use core::time::Duration;
 use msp::firmware::Firmware;
 use msp::message::{
-    Altitude, Analog, Attitude, BatteryState, InavAnalog, InavStatus, RawImu, Reply, Status,
+    Altitude, Analog, Attitude, BatteryState, InavAnalog, InavOpticalFlow, InavStatus, RawGps,
+    RawImu, Reply, SonarAltitude, Status,
 };
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::angle::wrap_pi;
-use vehicle::{AttitudeSample, BaroSample, BatterySample, ImuSample, In, Timestamp};
+use vehicle::{
+    AttitudeSample, BaroSample, BatterySample, DownRange, FlowSample, ImuSample, In, Timestamp,
+};
 
 /// Time a reply of the fast group spends on a 115200 baud line after it was sampled (about 30 bytes of 86.8 us).
 pub const REPLY_WIRE_TIME: Duration = Duration::from_micros(2_600);
@@ -148,6 +155,51 @@ impl Convert {
         }
     }
 
+    /// Distance to the floor of the controller's own range finder, along body down at this cosine of tilt. Both firmwares
+    /// say 0 where there is none.
+    #[must_use]
+    pub fn down_range(&self, at: Timestamp, s: &SonarAltitude, cos_tilt: f64) -> DownRange {
+        let is_valid = (1..=1000).contains(&s.altitude_cm) && cos_tilt > 0.5;
+        DownRange {
+            at,
+            distance_m: is_valid.then(|| f64::from(s.altitude_cm) * 0.01 / cos_tilt),
+        }
+    }
+
+    /// Optical flow as INAV has it.
+    #[must_use]
+    pub fn flow(&self, at: Timestamp, f: &InavOpticalFlow) -> FlowSample {
+        FlowSample {
+            at,
+            x_radps: f64::from(f.flow_x_dps).to_radians(),
+            y_radps: -f64::from(f.flow_y_dps).to_radians(),
+            quality: (u16::from(f.quality.min(100)) * 255 / 100) as u8,
+        }
+    }
+
+    /// A satellite fix. The controller tells the dilution of precision, not the doubt: a receiver's range error of 2.5 m
+    /// times that, and no fix without it.
+    #[must_use]
+    pub fn gps(&self, firmware: Firmware, g: &RawGps) -> RawFix {
+        // INAV counts dimensions, Betaflight says yes.
+        let mode = match (firmware, g.fix) {
+            (_, 0) => 0,
+            (Firmware::Inav, fix) => fix + 1,
+            _ => 3,
+        };
+        let doubt_m = g.dop_e2.map(|dop| 2.5 * (f64::from(dop) * 0.01).max(0.5));
+        RawFix {
+            mode,
+            place_deg: [f64::from(g.lat_e7) * 1e-7, f64::from(g.lon_e7) * 1e-7],
+            altitude_m: f64::from(g.altitude_m),
+            speed_mps: Some(f64::from(g.ground_speed_cms) * 0.01),
+            track_deg: Some(f64::from(g.course_ddeg) * 0.1),
+            climb_mps: None,
+            doubt_m: doubt_m.map(|d| [d, d, 1.5 * d]),
+            satellites: g.satellites,
+        }
+    }
+
     /// Battery from the detailed message.
     #[must_use]
     pub fn battery(&self, at: Timestamp, b: &BatteryState) -> BatterySample {
@@ -240,6 +292,61 @@ mod tests {
         assert_abs_diff_eq!(s.roll_rad.to_degrees(), 20.0, epsilon = 1e-9);
         assert_abs_diff_eq!(s.pitch_rad.to_degrees(), -15.0, epsilon = 1e-9);
         assert_abs_diff_eq!(s.heading_rad.to_degrees(), -90.0, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn what_the_controllers_own_sensors_say_is_si_in_our_axes() {
+        let c = Convert::new(Firmware::Inav);
+        let at = Timestamp::ZERO;
+        let height = |altitude_cm, cos| {
+            c.down_range(at, &SonarAltitude { altitude_cm }, cos)
+                .distance_m
+        };
+        assert_abs_diff_eq!(height(90, 0.9).unwrap(), 1.0, epsilon = 1e-9);
+        assert_eq!(
+            [height(0, 1.0), height(-1, 1.0), height(90, 0.2)],
+            [None; 3]
+        );
+        let flow = c.flow(
+            at,
+            &InavOpticalFlow {
+                quality: 80,
+                flow_x_dps: 90,
+                flow_y_dps: -30,
+                body_x_dps: 0,
+                body_y_dps: 0,
+            },
+        );
+        assert_abs_diff_eq!(flow.x_radps.to_degrees(), 90.0, epsilon = 1e-9);
+        assert_abs_diff_eq!(flow.y_radps.to_degrees(), 30.0, epsilon = 1e-9);
+        assert_eq!(flow.quality, 204);
+        let raw = RawGps {
+            fix: 2,
+            satellites: 11,
+            lat_e7: -349_193_630,
+            lon_e7: -561_673_820,
+            altitude_m: 40,
+            ground_speed_cms: 150,
+            course_ddeg: 450,
+            dop_e2: Some(120),
+        };
+        let fix = c.gps(Firmware::Inav, &raw);
+        assert_eq!((fix.mode, fix.satellites), (3, 11));
+        assert_abs_diff_eq!(fix.place_deg[0], -34.919_363, epsilon = 1e-9);
+        assert_abs_diff_eq!(fix.doubt_m.unwrap()[0], 3.0, epsilon = 1e-9);
+        assert_eq!(
+            c.gps(
+                Firmware::Betaflight,
+                &RawGps {
+                    fix: 1,
+                    dop_e2: None,
+                    ..raw
+                }
+            )
+            .doubt_m,
+            None
+        );
+        assert_eq!(c.gps(Firmware::Inav, &RawGps { fix: 1, ..raw }).mode, 2);
     }
 
     #[test]

@@ -4,9 +4,10 @@
 //! one batch of the fast group 40 Hz leave 20 slots for the rest (`msp-facts` section 2). INAV has no batch and no such
 //! limit. The client measures the service rate and drops what does not fit, never RC.
 
+use crate::autopilot::params::AutopilotParams;
 use msp::client::{Config, Poll, Priority, Schedule, default_schedule};
 use msp::command;
-use msp::firmware::Identity;
+use msp::firmware::{Firmware, Identity};
 
 /// The link configuration for flight.
 #[must_use]
@@ -17,7 +18,8 @@ pub fn config() -> Config {
 /// What is asked of this controller. Beside a live radio the receiver and the switches are asked for as often as it takes to
 /// notice a pilot within 50 ms; where the controller takes batches they ride along.
 #[must_use]
-pub fn schedule(identity: &Identity, has_radio: bool) -> Schedule {
+pub fn schedule(identity: &Identity, params: &AutopilotParams) -> Schedule {
+    let has_radio = params.radio;
     let mut schedule = default_schedule(identity);
     let every = |command, rate_hz: u32, priority| Poll {
         command,
@@ -34,6 +36,16 @@ pub fn schedule(identity: &Identity, has_radio: bool) -> Schedule {
         schedule.retain(|p| p.command != status);
         let _ = schedule.try_push(every(status, 20, Priority::Fast));
         let _ = schedule.try_push(every(command::RC, 20, Priority::Fast));
+    }
+    // Sensors of its own, where the user says it has them.
+    if params.fc_range {
+        let _ = schedule.try_push(every(command::SONAR_ALTITUDE, 15, Priority::Normal));
+    }
+    if params.fc_flow && identity.firmware == Firmware::Inav {
+        let _ = schedule.try_push(every(command::INAV_OPTICAL_FLOW, 25, Priority::Normal));
+    }
+    if params.fc_gps {
+        let _ = schedule.try_push(every(command::RAW_GPS, 5, Priority::Slow));
     }
     schedule
 }

@@ -37,6 +37,7 @@ impl Bench {
             settings: &self.settings,
             anchor: MapAnchor::new(0.0, 0.0, core::f64::consts::FRAC_PI_2),
             us: US,
+            role: super::access::Role::Engineer,
             boot_utc_us: 0,
         }
     }

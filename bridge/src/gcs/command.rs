@@ -14,13 +14,16 @@
 //! | more than 32 commands at once | TEMPORARILY_REJECTED |
 
 mod table;
+pub(super) use self::table::{label, mode_of};
 #[cfg(test)]
 mod tests;
 
 use self::table::Verdict;
+use super::access::Role;
 use super::convert::{mode_from_px4, result_of_refusal};
 use super::{Context, Destination, LinkId, Outbox, Peer};
 use crate::autopilot::door::{Answer, Outcome, Refusal, Request, RequestId, Severity};
+use crate::autopilot::mode::Mode;
 use arrayvec::ArrayVec;
 use core::time::Duration;
 use mavlink_dialect::command::{Command, cmd, result};
@@ -112,7 +115,7 @@ impl CommandService {
                 self.command(now, from, Command::from_int(m), ctx, streams, out)
             }
             Message::Raw(M::COMMAND_CANCEL(m)) => self.cancel(from, m.command, out),
-            Message::Raw(M::SET_MODE(m)) => self.set_mode(from, m, out),
+            Message::Raw(M::SET_MODE(m)) => self.set_mode(from, m, ctx, out),
             _ => {}
         }
     }
@@ -124,10 +127,7 @@ impl CommandService {
                 if now.since(*since) >= GIVE_UP {
                     out.text(
                         Severity::Error,
-                        format!(
-                            "{}: the vehicle does not answer",
-                            table::label(&entry.command)
-                        ),
+                        format!("{}: the vehicle does not answer", label(&entry.command)),
                     );
                     ack(entry.client, entry.command.number, result::FAILED, out);
                     entry.state = State::Answered {
@@ -170,7 +170,7 @@ impl CommandService {
             Outcome::Refused(why) => {
                 out.text(
                     Severity::Warning,
-                    format!("{} refused: {why}", table::label(&entry.command)),
+                    format!("{} refused: {why}", label(&entry.command)),
                 );
                 if let Refusal::FcBlocks(blocks) = why {
                     param2 = blocks.flags.cast_signed();
@@ -200,7 +200,7 @@ impl CommandService {
             Verdict::Refused(result, why) => {
                 out.text(
                     Severity::Warning,
-                    format!("{} refused: {why}", table::label(&command)),
+                    format!("{} refused: {why}", label(&command)),
                 );
                 result
             }
@@ -269,13 +269,22 @@ impl CommandService {
         }
     }
 
-    fn set_mode(&mut self, from: Peer, m: &raw::SET_MODE_DATA, out: &mut Outbox) {
+    fn set_mode(
+        &mut self,
+        from: Peer,
+        m: &raw::SET_MODE_DATA,
+        ctx: &Context<'_>,
+        out: &mut Outbox,
+    ) {
         let mode = if m.base_mode & FLAG_CUSTOM != 0 {
             mode_from_px4(Px4Mode::from_custom_mode(m.custom_mode))
         } else {
             None
         };
         match mode {
+            Some(Mode::Hold) if ctx.role < Role::Pilot => {
+                self.set_mode = Some(out.ask(from, Request::Stop));
+            }
             Some(mode) => self.set_mode = Some(out.ask(from, table::mode_request(mode))),
             None => out.text(
                 Severity::Warning,
@@ -285,7 +294,7 @@ impl CommandService {
     }
 }
 
-fn ack(client: Peer, command: u16, result: u8, out: &mut Outbox) {
+pub(super) fn ack(client: Peer, command: u16, result: u8, out: &mut Outbox) {
     ack_with(client, command, result, 0, out);
 }
 

@@ -85,6 +85,15 @@ impl GeoAnchor {
         }
     }
 
+    /// Latitude and longitude of a point of the world, degrees, not rounded.
+    #[must_use]
+    pub fn to_degrees(&self, p: In<Ned>) -> [f64; 2] {
+        [
+            (f64::from(self.lat0_e7) + p.x() / METRES_PER_E7) * 1e-7,
+            (f64::from(self.lon0_e7) + p.y() / (METRES_PER_E7 * self.cos_lat0)) * 1e-7,
+        ]
+    }
+
     /// A point of the globe (1e-7 degrees, m above mean sea level) in the world. Longitudes are taken the short way
     /// round.
     #[must_use]

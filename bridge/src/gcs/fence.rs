@@ -4,18 +4,21 @@
 //! outside, the action of `GF_ACTION` is asked of the vehicle, as a station would ask it. Whoever then steers at the fence again
 //! is stopped again; a vehicle that is outside (it was armed there, or pushed) is told once and may fly back.
 //!
-//! Not covered yet: a go-to, which is flown in Hold, is not stopped by the action Hold.
+//! The vehicle knows the fence too ([`planner::fence::Site`]): goals beyond it are refused and ways keep inside, so what the
+//! watch stops is sticks, streams, and a goal that was flown to before the fence was drawn. A fence that only warns, or does
+//! nothing, the vehicle is not told of.
 //!
-//! A place is inside if it lies in at least one inclusion zone (or there is none) and in no exclusion zone. Zones have no
-//! height: the ceiling is `KST_CEILING`. Source: MAVLink guide, "Geofencing"; MAV_CMD 5001 to 5004.
+//! Zones have no height: the ceiling is `KST_CEILING`. Source: MAVLink guide, "Geofencing"; MAV_CMD 5001 to 5004.
 
 use super::place::Place;
 use super::{Context, LinkId, Outbox, Peer};
-use crate::autopilot::door::{LandedState, Request, Severity};
+use crate::autopilot::door::{GoTo, LandedState, Request, Severity};
 use crate::autopilot::mode::Mode;
 use core::time::Duration;
 use mavlink_dialect::mission_item::{MissionItem, Point};
-use vehicle::{MapAnchor, Timestamp};
+use planner::fence::{Fence, Shape, Site, Zone};
+use std::sync::Arc;
+use vehicle::{In, MapAnchor, Setpoint, Timestamp};
 
 /// MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION and _EXCLUSION; parameter 1 is the number of vertices.
 pub const FENCE_VERTICES: [u16; 2] = [5001, 5002];
@@ -44,77 +47,68 @@ vehicle::param_choice! {
     }
 }
 
-/// One zone, metres north and east of home.
-#[derive(Clone, Debug, PartialEq)]
-enum Shape {
-    Polygon(Vec<[f64; 2]>),
-    Circle([f64; 2], f64),
-}
-
-/// A fence in the local frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Fence {
-    zones: Vec<(bool, Shape)>,
-}
-
-impl Fence {
-    /// The fence of items that passed [`check`].
-    #[must_use]
-    pub fn new(items: &[MissionItem], ctx: &Context<'_>) -> Self {
-        let place = |i: &MissionItem| {
-            let point = Point::from_wire(i.frame, i.x, i.y, i.z);
-            let place = Place::from_point(&point, ctx).unwrap_or_default();
-            [place.north_m.unwrap_or(0.0), place.east_m.unwrap_or(0.0)]
+/// The fence of items that passed [`check`], in NED about home.
+#[must_use]
+pub fn fence_of(items: &[MissionItem], ctx: &Context<'_>) -> Fence {
+    let mut zones = Vec::new();
+    let mut rest = items;
+    while let Some(first) = rest.first() {
+        let n = vertices(first).unwrap_or(1).clamp(1, rest.len());
+        let (zone, later) = rest.split_at(n);
+        rest = later;
+        let is_inclusion = [FENCE_VERTICES[0], FENCE_CIRCLES[0]].contains(&first.command);
+        let shape = if FENCE_CIRCLES.contains(&first.command) {
+            Shape::Circle(place(first, ctx), f64::from(first.params[0]))
+        } else {
+            Shape::Polygon(zone.iter().map(|i| place(i, ctx)).collect())
         };
-        let mut zones = Vec::new();
-        let mut rest = items;
-        while let Some(first) = rest.first() {
-            let n = vertices(first).unwrap_or(1).clamp(1, rest.len());
-            let (zone, later) = rest.split_at(n);
-            rest = later;
-            let is_inclusion = [FENCE_VERTICES[0], FENCE_CIRCLES[0]].contains(&first.command);
-            let shape = if FENCE_CIRCLES.contains(&first.command) {
-                Shape::Circle(place(first), f64::from(first.params[0]))
-            } else {
-                Shape::Polygon(zone.iter().map(place).collect())
-            };
-            zones.push((is_inclusion, shape));
-        }
-        Self { zones }
+        zones.push(Zone {
+            is_inclusion,
+            shape,
+        });
     }
-
-    /// True if a place, metres north and east of home, is inside.
-    #[must_use]
-    pub fn contains(&self, at: [f64; 2]) -> bool {
-        let mut inclusions = self.zones.iter().filter(|(is_in, _)| *is_in).peekable();
-        let is_included = inclusions.peek().is_none() || inclusions.any(|(_, s)| s.covers(at));
-        let mut exclusions = self.zones.iter().filter(|(is_in, _)| !*is_in);
-        is_included && !exclusions.any(|(_, s)| s.covers(at))
-    }
+    Fence::new(zones)
 }
 
-impl Shape {
-    fn covers(&self, [n, e]: [f64; 2]) -> bool {
-        match self {
-            Self::Circle([cn, ce], radius) => {
-                let (dn, de) = (n - cn, e - ce);
-                dn * dn + de * de <= radius * radius
-            }
-            // Even-odd rule: a ray to the east crosses the border an odd number of times.
-            Self::Polygon(corners) => {
-                let mut is_inside = false;
-                let mut last = corners.len().wrapping_sub(1);
-                for i in 0..corners.len() {
-                    let ([n0, e0], [n1, e1]) = (corners[last], corners[i]);
-                    if (n0 > n) != (n1 > n) && e < (e1 - e0) * (n - n0) / (n1 - n0) + e0 {
-                        is_inside = !is_inside;
-                    }
-                    last = i;
-                }
-                is_inside
-            }
-        }
+/// North and east of an item, m.
+fn place(i: &MissionItem, ctx: &Context<'_>) -> [f64; 2] {
+    let point = Point::from_wire(i.frame, i.x, i.y, i.z);
+    let place = Place::from_point(&point, ctx).unwrap_or_default();
+    [place.north_m.unwrap_or(0.0), place.east_m.unwrap_or(0.0)]
+}
+
+/// Checks a whole fence: every polygon has its vertices, and home is inside.
+///
+/// # Errors
+/// The item where it goes wrong, and why.
+pub fn check_with_home(items: &[MissionItem], ctx: &Context<'_>) -> Result<(), (u16, String)> {
+    check(items)?;
+    let home = [ctx.snapshot.home.x(), ctx.snapshot.home.y()];
+    if fence_of(items, ctx).contains(home) {
+        return Ok(());
     }
+    // The zone that keeps home out; where none does, home is in no zone to stay in.
+    let mut seq = 0;
+    let mut first_inclusion = 0;
+    while let Some(first) = items.get(seq) {
+        let n = vertices(first).unwrap_or(1).clamp(1, items.len() - seq);
+        let zone = fence_of(&items[seq..seq + n], ctx);
+        let is_inclusion = zone.zones().iter().any(|z| z.is_inclusion);
+        if !is_inclusion && !zone.contains(home) {
+            return Err((
+                seq as u16,
+                "home would be in this zone to stay out of".to_owned(),
+            ));
+        }
+        if is_inclusion && first_inclusion == 0 {
+            first_inclusion = seq;
+        }
+        seq += n;
+    }
+    Err((
+        first_inclusion as u16,
+        "home would be outside: it lies in no zone to stay in".to_owned(),
+    ))
 }
 
 /// Vertices of the polygon an item belongs to; none for a circle or for a number that is none.
@@ -154,15 +148,42 @@ pub fn check(items: &[MissionItem]) -> Result<(), (u16, String)> {
 }
 
 /// What a fence in metres was made from: it is made anew when one of them changes.
-type Made = (u32, [i32; 2], MapAnchor);
+type Made = (u32, u32, [i32; 2], MapAnchor, FenceAction);
+
+/// Where the vehicle is to the fence, for FENCE_STATUS.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FenceState {
+    /// There is one.
+    pub is_set: bool,
+    /// It is outside.
+    pub is_outside: bool,
+    /// Times it was outside, or would have been without us.
+    pub breaches: u16,
+    /// When that was last.
+    pub breached_at: Option<Timestamp>,
+    /// The action under way.
+    pub mitigation: Mitigation,
+}
+
+/// What is done against leaving: FENCE_MITIGATE.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mitigation {
+    /// 1: nothing.
+    #[default]
+    None,
+    /// 2: the velocity is taken back.
+    Stopping,
+}
 
 /// Watches the vehicle.
 #[derive(Debug, Default)]
 pub struct FenceWatch {
-    fence: Option<(Made, Fence)>,
+    made: Option<Made>,
+    fence: Fence,
     /// It is outside, and this was said.
     is_told_outside: bool,
     asked_at: Option<Timestamp>,
+    state: FenceState,
 }
 
 impl FenceWatch {
@@ -172,37 +193,72 @@ impl FenceWatch {
         Self::default()
     }
 
-    /// Looks where the vehicle is going; `items` and `id` are the stored fence.
-    pub fn look(
+    /// Where the vehicle is to the fence.
+    #[must_use]
+    pub const fn state(&self) -> FenceState {
+        self.state
+    }
+
+    /// Tells the vehicle of a fence or of rally points that are new, or lie elsewhere now.
+    pub fn tell(
         &mut self,
-        now: Timestamp,
-        items: &[MissionItem],
-        id: u32,
+        (fence, fence_id): (&[MissionItem], u32),
+        (rally, rally_id): (&[MissionItem], u32),
         ctx: &Context<'_>,
         out: &mut Outbox,
     ) {
+        let ground = &ctx.settings.ground;
+        let origin = [ground.lat0_e7, ground.lon0_e7];
+        let made = (fence_id, rally_id, origin, ctx.anchor, ground.fence_action);
+        if self.made == Some(made) {
+            return;
+        }
+        let was_told = self.made.replace(made).is_some();
+        self.fence = fence_of(fence, ctx);
+        if !was_told && fence.is_empty() && rally.is_empty() {
+            return;
+        }
+        let is_kept = !matches!(
+            ground.fence_action,
+            FenceAction::Disabled | FenceAction::Warn
+        );
+        let site = Site {
+            fence: if is_kept {
+                self.fence.clone()
+            } else {
+                Fence::default()
+            },
+            rally: rally
+                .iter()
+                .map(|i| {
+                    let [north, east] = place(i, ctx);
+                    In::new(north, east, 0.0)
+                })
+                .collect(),
+        };
+        out.ask(us(ctx), Request::SetSite(Arc::new(site)));
+    }
+
+    /// Looks where the vehicle is going.
+    pub fn look(&mut self, now: Timestamp, ctx: &Context<'_>, out: &mut Outbox) {
         let s = ctx.snapshot;
         let action = ctx.settings.ground.fence_action;
         let is_flying = s.is_armed && s.landed != LandedState::OnGround;
-        if items.is_empty()
-            || action == FenceAction::Disabled
-            || !is_flying
-            || !s.nav.health.position
-        {
+        self.state.is_set = !self.fence.is_empty() && action != FenceAction::Disabled;
+        let here = [s.nav.position.x(), s.nav.position.y()];
+        let was_outside = self.state.is_outside;
+        self.state.is_outside =
+            self.state.is_set && s.nav.health.position && !self.fence.contains(here);
+        if self.state.is_outside && !was_outside {
+            self.breached(now);
+        }
+        if !self.state.is_set || !is_flying || !s.nav.health.position {
             self.is_told_outside = false;
             self.asked_at = None;
+            self.state.mitigation = Mitigation::None;
             return;
         }
-        let ground = &ctx.settings.ground;
-        let made = (id, [ground.lat0_e7, ground.lon0_e7], ctx.anchor);
-        if self.fence.as_ref().is_none_or(|(m, _)| *m != made) {
-            self.fence = Some((made, Fence::new(items, ctx)));
-        }
-        let Some((_, fence)) = &self.fence else {
-            return;
-        };
-        let here = [s.nav.position.x(), s.nav.position.y()];
-        if !fence.contains(here) {
+        if self.state.is_outside {
             if !self.is_told_outside {
                 self.is_told_outside = true;
                 out.text(Severity::Critical, "Outside the fence: fly back");
@@ -214,28 +270,30 @@ impl FenceWatch {
         let speed = libm::hypot(vn, ve);
         let seconds = REACTION.as_secs_f64() + speed / (2.0 * BRAKE_MPS2);
         let rest = [here[0] + vn * seconds, here[1] + ve * seconds];
-        let is_obeying = match action {
-            FenceAction::Disabled | FenceAction::Warn => self.asked_at.is_some(),
-            FenceAction::Hold => matches!(s.mode.mode, Mode::Hold | Mode::Land),
-            FenceAction::Return => matches!(s.mode.mode, Mode::Return | Mode::Land),
-            FenceAction::Land => s.mode.mode == Mode::Land,
-        };
-        if fence.contains(rest) {
+        if self.fence.contains(rest) {
             // A new approach is a new warning.
             if now.since(self.asked_at.unwrap_or(now)) >= ASK_AGAIN {
                 self.asked_at = None;
+                self.state.mitigation = Mitigation::None;
             }
             return;
         }
+        let is_obeying = match action {
+            FenceAction::Disabled | FenceAction::Warn => self.asked_at.is_some(),
+            FenceAction::Hold => {
+                s.mode.mode == Mode::Land || (s.mode.mode == Mode::Hold && self.hovers_inside(ctx))
+            }
+            FenceAction::Return => matches!(s.mode.mode, Mode::Return | Mode::Land),
+            FenceAction::Land => s.mode.mode == Mode::Land,
+        };
         let was_just_asked = self.asked_at.is_some_and(|at| now.since(at) < ASK_AGAIN);
         if is_obeying || was_just_asked {
             return;
         }
+        if self.asked_at.is_none() {
+            self.breached(now);
+        }
         self.asked_at = Some(now);
-        let us = Peer {
-            link: LinkId(0),
-            address: ctx.us,
-        };
         let (mode, word) = match action {
             FenceAction::Disabled | FenceAction::Warn => {
                 return out.text(Severity::Critical, "Fence ahead");
@@ -244,8 +302,39 @@ impl FenceWatch {
             FenceAction::Return => (Mode::Return, "Return"),
             FenceAction::Land => (Mode::Land, "Land"),
         };
+        self.state.mitigation = Mitigation::Stopping;
         out.text(Severity::Critical, format!("Fence ahead: {word}"));
-        out.ask(us, Request::SetMode(mode));
+        let request = if mode == s.mode.mode {
+            // It is in Hold already, on its way to a goal beyond: the goal is dropped.
+            Request::GoTo(GoTo::default())
+        } else {
+            Request::SetMode(mode)
+        };
+        out.ask(us(ctx), request);
+    }
+
+    fn breached(&mut self, now: Timestamp) {
+        self.state.breaches = self.state.breaches.saturating_add(1);
+        self.state.breached_at = Some(now);
+    }
+
+    /// The vehicle is to hover at a place inside, or stands still: braking, not flying on.
+    fn hovers_inside(&self, ctx: &Context<'_>) -> bool {
+        match ctx.snapshot.setpoint {
+            Some(Setpoint::Hover { position, .. }) => {
+                self.fence.contains([position.x(), position.y()])
+            }
+            Some(Setpoint::Velocity { velocity, .. }) => velocity.norm_xy() < 0.05,
+            _ => true,
+        }
+    }
+}
+
+/// Requests of our own.
+fn us(ctx: &Context<'_>) -> Peer {
+    Peer {
+        link: LinkId(0),
+        address: ctx.us,
     }
 }
 
@@ -253,7 +342,8 @@ impl FenceWatch {
 mod tests {
     use super::super::bench::Bench;
     use super::*;
-    use vehicle::{In, Ned};
+    use crate::autopilot::door::Asked;
+    use vehicle::Ned;
 
     /// An item of frame LOCAL_NED.
     fn item(command: u16, param1: f32, north_m: f64, east_m: f64) -> MissionItem {
@@ -282,7 +372,7 @@ mod tests {
     #[test]
     fn inside_is_in_an_inclusion_and_in_no_exclusion() {
         let bench = Bench::default();
-        let fence = Fence::new(&square(), &bench.ctx());
+        let fence = fence_of(&square(), &bench.ctx());
         for (at, is_in) in [
             ([0.0, 0.0], true),
             ([1.9, -1.9], true),
@@ -293,14 +383,14 @@ mod tests {
         ] {
             assert_eq!(fence.contains(at), is_in, "{at:?}");
         }
-        let only_out = Fence::new(&square()[4..], &bench.ctx());
+        let only_out = fence_of(&square()[4..], &bench.ctx());
         assert!(only_out.contains([50.0, 0.0]) && !only_out.contains([1.2, 1.2]));
         assert!(Fence::default().contains([9.0, 9.0]));
         // A concave one: an L without its upper right quarter.
         let l: Vec<_> = [(0., 0.), (4., 0.), (4., 2.), (2., 2.), (2., 4.), (0., 4.)]
             .map(|(n, e)| item(5001, 6.0, n, e))
             .to_vec();
-        let l = Fence::new(&l, &bench.ctx());
+        let l = fence_of(&l, &bench.ctx());
         assert!(l.contains([3.0, 1.0]) && l.contains([1.0, 3.0]) && !l.contains([3.0, 3.0]));
     }
 
@@ -332,10 +422,12 @@ mod tests {
         let mut now = Timestamp::ZERO;
         let mut look = |bench: &Bench, out: &mut Outbox, ms: u64| {
             now += Duration::from_millis(ms);
-            watch.look(now, &items, 7, &bench.ctx(), out);
+            watch.tell((&items, 7), (&[], 0), &bench.ctx(), out);
+            watch.look(now, &bench.ctx(), out);
             out.asked()
                 .into_iter()
                 .map(|a| a.request)
+                .filter(|r| !matches!(r, Request::SetSite(_)))
                 .collect::<Vec<_>>()
         };
         // 1 m/s needs 0.25 + 0.625 m.
@@ -356,23 +448,83 @@ mod tests {
     }
 
     #[test]
+    fn a_goal_beyond_a_fence_that_was_drawn_later_is_dropped() {
+        let (mut bench, mut out, mut watch) =
+            (Bench::default(), Outbox::default(), FenceWatch::new());
+        watch.tell((&square(), 7), (&[], 0), &bench.ctx(), &mut out);
+        let _ = out.asked();
+        flying(&mut bench, 1.3, 1.0);
+        bench.snapshot.mode.mode = Mode::Hold;
+        bench.snapshot.setpoint = Some(Setpoint::Velocity {
+            velocity: In::new(1.0, 0.0, 0.0),
+            down_m: None,
+            heading: vehicle::Heading::Rate(0.0),
+        });
+        watch.look(Timestamp::from_ms(25), &bench.ctx(), &mut out);
+        let asked = out.asked();
+        assert_eq!(asked[0].request, Request::GoTo(GoTo::default()));
+        assert_eq!(watch.state().mitigation, Mitigation::Stopping);
+    }
+
+    #[test]
+    fn a_fence_that_excludes_home_is_refused_with_the_zone() {
+        let mut bench = Bench::default();
+        assert_eq!(check_with_home(&square(), &bench.ctx()), Ok(()));
+        let mut items = square();
+        items.push(item(5004, 0.6, -0.3, 0.2));
+        assert_eq!(check_with_home(&items, &bench.ctx()).unwrap_err().0, 5);
+        bench.snapshot.home = In::new(9.0, 0.0, 0.0);
+        let (seq, why) = check_with_home(&square(), &bench.ctx()).unwrap_err();
+        assert_eq!((seq, why.contains("no zone to stay in")), (0, true));
+    }
+
+    #[test]
+    fn the_vehicle_is_told_of_a_fence_once_and_of_none_that_only_warns() {
+        let (mut bench, mut out, mut watch) =
+            (Bench::default(), Outbox::default(), FenceWatch::new());
+        let mut told = |bench: &Bench, items: &[MissionItem], id| {
+            watch.tell((items, id), (&[], 0), &bench.ctx(), &mut out);
+            let zones = |a: &Asked| match &a.request {
+                Request::SetSite(site) => site.fence.zones().len(),
+                _ => 99,
+            };
+            out.asked().iter().map(zones).collect::<Vec<_>>()
+        };
+        assert!(told(&bench, &[], 0).is_empty());
+        assert_eq!(told(&bench, &square(), 7), [2]);
+        assert!(told(&bench, &square(), 7).is_empty());
+        bench.settings.ground.fence_action = FenceAction::Warn;
+        assert_eq!(told(&bench, &square(), 7), [0]);
+    }
+
+    #[test]
     fn outside_it_is_told_once_and_may_fly_back() {
         let (mut bench, mut out, mut watch) =
             (Bench::default(), Outbox::default(), FenceWatch::new());
         flying(&mut bench, 3.0, 0.5);
         for ms in [25, 50, 5_000] {
-            watch.look(Timestamp::from_ms(ms), &square(), 7, &bench.ctx(), &mut out);
+            watch.tell((&square(), 7), (&[], 0), &bench.ctx(), &mut out);
+            watch.look(Timestamp::from_ms(ms), &bench.ctx(), &mut out);
         }
         assert_eq!(out.said().len(), 1);
-        assert!(out.asked().is_empty());
+        assert!(matches!(
+            out.asked()[..],
+            [Asked {
+                request: Request::SetSite(_),
+                ..
+            }]
+        ));
+        assert!(watch.state().is_outside && watch.state().breaches == 1);
     }
 
     #[test]
     fn on_the_ground_without_a_place_or_switched_off_it_does_nothing() {
         let now = Timestamp::from_ms(100);
         let quiet = |bench: &Bench| {
-            let mut out = Outbox::default();
-            FenceWatch::new().look(now, &square(), 7, &bench.ctx(), &mut out);
+            let (mut out, mut watch) = (Outbox::default(), FenceWatch::new());
+            watch.tell((&square(), 7), (&[], 0), &bench.ctx(), &mut out);
+            out.asked();
+            watch.look(now, &bench.ctx(), &mut out);
             assert!(out.asked().is_empty() && out.said().is_empty());
         };
         let mut bench = Bench::default();

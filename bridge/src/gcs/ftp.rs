@@ -506,11 +506,19 @@ impl FtpService {
         is_for_writing: bool,
         out: &mut Outbox,
     ) -> Result<Option<Vec<u8>>, Refusal> {
+        // MAVProxy names the session itself and knows its answers by that number; others send 0 and take ours.
+        let named = request.session;
+        self.sessions
+            .retain(|s| named == 0 || s.number != named || s.peer.address != peer.address);
         if self.sessions.is_full() {
             return Err(Refusal::NoSessions);
         }
         let is_free = |n: &u8| self.sessions.iter().all(|s| s.number != *n);
-        let number = (0..=u8::MAX).find(is_free).ok_or(Refusal::NoSessions)?;
+        let number = if named != 0 && is_free(&named) {
+            named
+        } else {
+            (0..=u8::MAX).find(is_free).ok_or(Refusal::NoSessions)?
+        };
         self.sessions.push(Session {
             number,
             peer,

@@ -35,6 +35,12 @@ impl Heartbeat {
         out.send_raw(Destination::Link(link), heartbeat(ctx));
     }
 
+    /// True if the next [`tick`](Self::tick) beats because it is time.
+    #[must_use]
+    pub fn is_due(&self, now: Timestamp) -> bool {
+        now >= self.next
+    }
+
     /// Beats if it is time or something that it tells has changed.
     pub fn tick(&mut self, now: Timestamp, ctx: &Context<'_>, out: &mut Outbox) {
         let says = (ctx.snapshot.mode, ctx.snapshot.is_armed);

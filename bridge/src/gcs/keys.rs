@@ -29,6 +29,7 @@ mod tests;
 pub(super) use self::line::key;
 
 use self::line::{HELP, Line, Typed, Word};
+use super::access::Role;
 use super::{Context, Destination, Outbox, Peer};
 use crate::autopilot::door::{Answer, Key, Outcome, Refusal, Request, RequestId};
 use crate::autopilot::mode::Mode;
@@ -317,6 +318,10 @@ impl Console {
             Word::Help => return self.print(HELP),
             Word::Status => return self.print(&report::status(ctx.snapshot)),
             Word::ParamGet(name) => return self.print(&report::param(ctx.settings, &name)),
+            Word::ParamSet(..) if ctx.role < Role::Engineer => {
+                return self
+                    .print("param set: this link's role is pilot, parameters need engineer\n");
+            }
             Word::ParamSet(name, value) => return self.set_param(now, &name, &value, ctx, out),
             Word::Arm => ("arm", Request::Arm { force: false }),
             Word::Disarm => ("disarm", Request::Disarm { force: false }),
@@ -431,26 +436,38 @@ impl Console {
 
     fn flush(&mut self, out: &mut Outbox) {
         while !self.output.is_empty() {
-            let mut data = [0; CHUNK];
             let count = self.output.len().min(CHUNK);
-            for (to, byte) in data.iter_mut().zip(self.output.drain(..count)) {
-                *to = byte;
-            }
-            let Address { system, component } = self.peer.address;
-            let reply = raw::SERIAL_CONTROL_DATA {
-                device: SHELL,
-                flags: REPLY,
-                count: count as u8,
-                data,
-                target_system: system,
-                target_component: component,
-                ..Default::default()
-            };
-            // To the sender's link only: other consoles would print what they did not ask.
-            out.send_raw(
-                Destination::Link(self.peer.link),
-                raw::MavMessage::SERIAL_CONTROL(reply),
-            );
+            let bytes: ArrayVec<u8, CHUNK> = self.output.drain(..count).collect();
+            send_chunk(self.peer, SHELL, &bytes, out);
         }
     }
+}
+
+/// A line to a sender that has no console, because it may not type.
+pub(super) fn reply(to: Peer, device: u8, text: &str, out: &mut Outbox) {
+    if device == SHELL {
+        for bytes in text.as_bytes().chunks(CHUNK) {
+            send_chunk(to, device, bytes, out);
+        }
+    }
+}
+
+/// To the sender's link only: other consoles would print what they did not ask.
+fn send_chunk(to: Peer, device: u8, bytes: &[u8], out: &mut Outbox) {
+    let mut data = [0; CHUNK];
+    data[..bytes.len()].copy_from_slice(bytes);
+    let Address { system, component } = to.address;
+    let reply = raw::SERIAL_CONTROL_DATA {
+        device,
+        flags: REPLY,
+        count: bytes.len() as u8,
+        data,
+        target_system: system,
+        target_component: component,
+        ..Default::default()
+    };
+    out.send_raw(
+        Destination::Link(to.link),
+        raw::MavMessage::SERIAL_CONTROL(reply),
+    );
 }

@@ -24,8 +24,9 @@ mod upload;
 pub use self::document::DOCUMENT;
 pub use self::points::{FENCE_DOCUMENT, POINTS_CAPACITY, RALLY_DOCUMENT};
 
-use self::points::PointList;
+use self::points::{PointList, Survey};
 use self::upload::{Step, Upload};
+use super::fence::{FenceAction, fence_of};
 use super::telemetry::PlanIds;
 use super::{Context, Destination, Document, LinkId, Outbox, Peer};
 use crate::autopilot::door::{Answer, Event, Outcome, Request, RequestId, Severity};
@@ -33,6 +34,7 @@ use arrayvec::ArrayVec;
 use core::time::Duration;
 use mavlink_dialect::mission_item::{MissionItem, mission_result, mission_type};
 use mavlink_dialect::{Address, Message, raw, standard};
+use planner::fence::Fence;
 use planner::mission::{Plan, PlanFault, PlanRefusal};
 use planner::route::Router;
 use std::sync::Arc;
@@ -164,6 +166,12 @@ impl MissionService {
         self.fence.items()
     }
 
+    /// The stored rally points.
+    #[must_use]
+    pub fn rally_items(&self) -> &[MissionItem] {
+        self.rally.items()
+    }
+
     /// Takes any document of an earlier run; one that is not ours is left alone.
     pub fn restore_document(
         &mut self,
@@ -174,8 +182,16 @@ impl MissionService {
     ) {
         match document.name {
             DOCUMENT => self.restore(now, &document.bytes, ctx, out),
-            FENCE_DOCUMENT => self.fence.restore(&document.bytes, out),
-            RALLY_DOCUMENT => self.rally.restore(&document.bytes, out),
+            FENCE_DOCUMENT | RALLY_DOCUMENT => {
+                let router = self.router.as_mut();
+                let mut survey = Survey { router, ctx };
+                let list = if document.name == FENCE_DOCUMENT {
+                    &mut self.fence
+                } else {
+                    &mut self.rally
+                };
+                list.restore(&document.bytes, &mut survey, out);
+            }
             _ => {}
         }
     }
@@ -241,7 +257,9 @@ impl MissionService {
             _ => None,
         };
         if let Some(list) = list {
-            return list.handle(now, from, raw, out);
+            let router = self.router.as_mut();
+            let mut survey = Survey { router, ctx };
+            return list.handle(now, from, raw, &mut survey, out);
         }
         if !matches!(raw, M::MISSION_ITEM_INT(_) | M::MISSION_ITEM(_)) && is_mission_message(raw) {
             // Only items may still be on their way from an upload that is over: anything else shows that its ACK came.
@@ -475,6 +493,16 @@ impl MissionService {
             return Ok(());
         };
         router.set_params(&ctx.settings.planner);
+        let is_kept = !matches!(
+            ctx.settings.ground.fence_action,
+            FenceAction::Disabled | FenceAction::Warn
+        );
+        let fence = if is_kept {
+            fence_of(self.fence.items(), ctx)
+        } else {
+            Fence::default()
+        };
+        router.set_fence(&fence, &ctx.anchor);
         let ceiling_m = ctx.settings.autopilot.ceiling_m;
         planner::mission::check(plan, router, &ctx.anchor, ctx.snapshot.home, ceiling_m)
     }

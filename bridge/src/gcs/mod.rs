@@ -9,33 +9,46 @@
 //! | [`router`] | which message is for us, from whom, how many were lost; floods and echoes |
 //! | [`convert`] | every scale factor, sign and sentinel between our types and MAVLink |
 //! | [`command`], [`mission`], [`manual`], [`setpoint`], [`keys`] | what stations ask of the vehicle |
+//! | [`intent`] | what a message wants of the vehicle |
+//! | [`sensor_feed`] | sensors whose messages come over a link |
 //! | [`signing`] | which links demand signatures |
+//! | [`access`], [`operator`] | what a link may do; which station is in control |
 //! | [`fence`] | where the vehicle may be, and what is done before it leaves |
 //! | [`heartbeat`], [`telemetry`], [`text`] | what we say unasked |
+//! | [`camera`] | where the picture is to be had |
 //! | [`params`], [`origin`], [`time_sync`], [`ftp`], [`log_transfer`] | small services |
 //! | [`metadata`], [`disk`] | files made here; jobs for the disk |
+//! | [`patrol`] | a report per round |
+//! | [`plan_file`] | QGroundControl's plan files |
 //! | [`out_queue`] | what waits to be sent, bounded |
 
+pub mod access;
 #[cfg(test)]
 mod any_message;
 #[cfg(test)]
 mod bench;
+pub mod camera;
 pub mod command;
 pub mod convert;
 pub mod disk;
 pub mod fence;
 pub mod ftp;
 pub mod heartbeat;
+pub mod intent;
 pub mod keys;
 pub mod log_transfer;
 pub mod manual;
 pub mod metadata;
 pub mod mission;
+pub mod operator;
 pub mod origin;
 pub mod out_queue;
 pub mod params;
+pub mod patrol;
 mod place;
+pub mod plan_file;
 pub mod router;
+pub mod sensor_feed;
 pub mod setpoint;
 pub mod signing;
 pub mod telemetry;
@@ -56,11 +69,25 @@ pub const MAX_LINKS: usize = 32;
 pub struct LinkId(pub u32);
 
 impl LinkId {
+    const REMOTE: u32 = 1 << 23;
+
     /// A link of an endpoint, the n-th that came up there: the number itself says what is demanded of who speaks on it, so that
     /// no order of events can make a link of a signed endpoint an open one.
     #[must_use]
     pub const fn of(endpoint: u8, n: u32) -> Self {
-        Self((endpoint as u32) << 24 | (n & 0x00FF_FFFF))
+        Self((endpoint as u32) << 24 | (n & 0x007F_FFFF))
+    }
+
+    /// The same, with a peer on another machine: what it may do differs ([`access`]).
+    #[must_use]
+    pub const fn remote(self) -> Self {
+        Self(self.0 | Self::REMOTE)
+    }
+
+    /// True if the peer is on another machine.
+    #[must_use]
+    pub const fn is_remote(self) -> bool {
+        self.0 & Self::REMOTE != 0
     }
 
     /// Number of the endpoint.
@@ -101,6 +128,8 @@ pub struct Context<'a> {
     pub anchor: MapAnchor,
     /// Our own address (autopilot component).
     pub us: Address,
+    /// What the sender may do; in calls without a sender, everything.
+    pub role: access::Role,
     /// UTC microseconds at boot, for messages that carry wall time (virtual flights start at a fixed date).
     pub boot_utc_us: u64,
 }
@@ -114,11 +143,23 @@ pub enum Destination {
     Link(LinkId),
 }
 
+/// Which of our components says something.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Speaker {
+    /// The autopilot.
+    #[default]
+    Autopilot,
+    /// The camera.
+    Camera,
+}
+
 /// A message on its way out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outgoing {
     /// Where to.
     pub to: Destination,
+    /// Who says it.
+    pub from: Speaker,
     /// What.
     pub message: Message,
 }
@@ -152,18 +193,17 @@ pub struct Outbox {
 impl Outbox {
     /// Sends a standard message.
     pub fn send(&mut self, to: Destination, message: standard::MavMessage) {
-        self.messages.push_back(Outgoing {
-            to,
-            message: Message::Standard(message),
-        });
+        self.send_as(Speaker::Autopilot, to, Message::Standard(message));
     }
 
     /// Sends a raw twin.
     pub fn send_raw(&mut self, to: Destination, message: raw::MavMessage) {
-        self.messages.push_back(Outgoing {
-            to,
-            message: Message::Raw(message),
-        });
+        self.send_as(Speaker::Autopilot, to, Message::Raw(message));
+    }
+
+    /// Sends a message of one of our components.
+    pub fn send_as(&mut self, from: Speaker, to: Destination, message: Message) {
+        self.messages.push_back(Outgoing { to, from, message });
     }
 
     /// Asks the vehicle; the answer comes back with this id.

@@ -2,20 +2,23 @@
 //!
 //! | Message | Behaviour |
 //! | --- | --- |
-//! | PARAM_REQUEST_LIST 21 | all values to the asking link, 200 a second; a repeat starts over without losing the rest |
-//! | PARAM_REQUEST_READ 20 | one value by index or by name; an unknown one is silence |
-//! | PARAM_SET 23 | checked, kept, sent to the vehicle, echoed to everybody; a refused one echoes the old value and says why |
+//! | PARAM_REQUEST_LIST 21 | all values to the asking link, 200 a second (1,000 inside this machine); a repeat starts over without losing the rest |
+//! | PARAM_REQUEST_READ 20 | one value by index or by name; an unknown one gets PARAM_ERROR |
+//! | PARAM_SET 23 | checked, kept, sent to the vehicle, echoed to everybody; a refused one gets PARAM_ERROR, the old value, and why |
 //!
 //! Integers travel bytewise in the float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE). A REAL32 set of an
 //! integer parameter is taken by value, because plain pymavlink scripts send REAL32 for everything.
 
 use super::fence::FenceAction;
+use super::operator::ControlPolicy;
 use super::{Context, Destination, Document, LinkId, Outbox, Peer};
 use crate::autopilot::door::{Request, Severity};
 use crate::settings::{Origin, Row, Settings};
 use arrayvec::ArrayVec;
 use core::time::Duration;
-use mavlink_dialect::standard::{MavMessage, MavParamType, PARAM_VALUE_DATA};
+use mavlink_dialect::standard::{
+    MavMessage, MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_VALUE_DATA,
+};
 use mavlink_dialect::{Message, raw};
 use vehicle::{ParamError, ParamValue, Timestamp};
 
@@ -46,6 +49,8 @@ vehicle::params! {
         gps_emulation: bool "KST_GPS_EMU" = false;
         /// Action before the vehicle leaves the fence (none without a fence).
         fence_action: choice<FenceAction> "GF_ACTION" = FenceAction::Hold;
+        /// Who may command while nobody has asked for control (REQUEST_OPERATOR_CONTROL): every pilot, or nobody.
+        control_policy: choice<ControlPolicy> "CTRL_POLICY" = ControlPolicy::Open;
         /// Cells of the battery where the flight controller does not tell; 0 unknown.
         battery_cells: int "BAT1_N_CELLS" = 0, "1", 0..=16;
         /// Size of a part of a flight log; then the next part begins. Takes effect at the next start.
@@ -80,8 +85,9 @@ vehicle::params! {
 /// File of the parameters set over MAVLink.
 pub const DOCUMENT: &str = "parameters.toml";
 
-/// Time between two values of a list, per link (200 a second).
+/// Time between two values of a list, per link (200 a second), and on a link inside this machine (1,000 a second).
 const LIST_PERIOD: Duration = Duration::from_millis(5);
+const NEAR_LIST_PERIOD: Duration = Duration::from_millis(1);
 /// Values sent at once at most when ticks come late.
 const LIST_BURST: u32 = 8;
 /// Lists under way at once at most; one more replaces the oldest.
@@ -97,6 +103,8 @@ struct Listing {
     left: usize,
     /// When the next one is due.
     due: Timestamp,
+    /// Time between two.
+    period: Duration,
 }
 
 /// The parameter service. It owns no parameter: values live in [`Settings`].
@@ -106,6 +114,8 @@ struct Listing {
 #[derive(Debug, Default)]
 pub struct ParamService {
     listings: ArrayVec<Listing, MAX_LISTINGS>,
+    /// Links inside this machine.
+    near: ArrayVec<LinkId, { super::MAX_LINKS }>,
 }
 
 impl ParamService {
@@ -138,11 +148,17 @@ impl ParamService {
                         .ok()
                         .and_then(|name| row_of(ctx.settings, name)),
                 };
-                if let Some(row) = row {
-                    out.send(
+                match (row, m.param_id.to_str()) {
+                    (Some(row), _) => out.send(
                         Destination::Link(from.link),
                         param_value(&row, ctx.settings.count()),
-                    );
+                    ),
+                    // PX4's fingerprint of all parameters: silence says that there is none.
+                    (None, Ok("_HASH_CHECK")) => {}
+                    (None, name) => {
+                        let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
+                        send_error(from, name.unwrap_or(""), m.param_index, error, out);
+                    }
                 }
             }
             Message::Raw(raw::MavMessage::PARAM_SET(m)) => set(from, m, ctx.settings, out),
@@ -161,11 +177,11 @@ impl ParamService {
                 }
                 listing.next = (listing.next + 1) % count.max(1);
                 listing.left -= 1;
-                listing.due += LIST_PERIOD;
+                listing.due += listing.period;
                 burst += 1;
             }
             if listing.due <= now {
-                listing.due = now + LIST_PERIOD;
+                listing.due = now + listing.period;
             }
         }
         self.listings.retain(|l| l.left > 0);
@@ -180,6 +196,12 @@ impl ParamService {
     /// Forgets a link.
     pub fn link_down(&mut self, link: LinkId) {
         self.listings.retain(|l| l.link != link);
+        self.near.retain(|l| *l != link);
+    }
+
+    /// A link came up that does not leave this machine: lists go faster there.
+    pub fn near_link_up(&mut self, link: LinkId) {
+        let _ = self.near.try_push(link);
     }
 
     /// Takes a checked parameter on its way to the vehicle: writes it, tells everybody, keeps the document.
@@ -219,6 +241,11 @@ impl ParamService {
             next: 0,
             left: count,
             due: now,
+            period: if self.near.contains(&link) {
+                NEAR_LIST_PERIOD
+            } else {
+                LIST_PERIOD
+            },
         });
     }
 }
@@ -228,6 +255,31 @@ fn row_of<'a>(settings: &'a Settings, name: &str) -> Option<Row<'a>> {
     settings.rows().find(|r| r.meta.id == name)
 }
 
+/// PARAM_ERROR on the asker's link: older dialects do not know it.
+fn send_error(from: Peer, name: &str, index: i16, error: MavParamError, out: &mut Outbox) {
+    let message = PARAM_ERROR_DATA {
+        param_index: index,
+        target_system: from.address.system,
+        target_component: from.address.component,
+        param_id: name.into(),
+        error,
+    };
+    out.send(
+        Destination::Link(from.link),
+        MavMessage::PARAM_ERROR(message),
+    );
+}
+
+/// The value as it is, for a PARAM_SET that is refused whole.
+pub(super) fn echo(from: Peer, m: &raw::PARAM_SET_DATA, ctx: &Context<'_>, out: &mut Outbox) {
+    let row = m.param_id.to_str().ok();
+    if let Some(row) = row.and_then(|name| row_of(ctx.settings, name)) {
+        let error = MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED;
+        send_error(from, row.meta.id, -1, error, out);
+        out.send(Destination::All, param_value(&row, ctx.settings.count()));
+    }
+}
+
 /// PARAM_SET.
 fn set(from: Peer, m: &raw::PARAM_SET_DATA, settings: &Settings, out: &mut Outbox) {
     let Ok(name) = m.param_id.to_str() else {
@@ -235,7 +287,8 @@ fn set(from: Peer, m: &raw::PARAM_SET_DATA, settings: &Settings, out: &mut Outbo
     };
     let Some(row) = row_of(settings, name) else {
         out.text(Severity::Warning, format!("no parameter named {name}"));
-        return;
+        let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
+        return send_error(from, name, -1, error, out);
     };
     let checked = match decode(m.param_value, m.param_type) {
         Some(value) => row.meta.check(value).map_err(|e| e.to_string()),
@@ -253,6 +306,12 @@ fn set(from: Peer, m: &raw::PARAM_SET_DATA, settings: &Settings, out: &mut Outbo
             );
         }
         Err(reason) => {
+            // First: MAVSDK takes an old value for a lost set.
+            let error = match m.param_type {
+                1..=6 | 9 => MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE,
+                _ => MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED,
+            };
+            send_error(from, name, -1, error, out);
             out.send(Destination::All, param_value(&row, settings.count()));
             out.text(Severity::Warning, reason);
         }

@@ -35,6 +35,8 @@ const STEP_BACK: u8 = 224;
 pub enum Verdict {
     /// Give it to the services.
     ForUs,
+    /// For our camera alone.
+    ForCamera,
     /// From our own address.
     Echo,
     /// Too many from this peer.
@@ -85,6 +87,8 @@ pub struct RouterCounters {
 #[derive(Debug)]
 pub struct Router {
     us: Address,
+    /// Another component of ours.
+    camera: Option<u8>,
     peers: Vec<PeerState>,
     counters: RouterCounters,
     presence: Option<Timestamp>,
@@ -96,15 +100,28 @@ impl Router {
     pub fn new(us: Address) -> Self {
         Self {
             us,
+            camera: None,
             peers: Vec::with_capacity(MAX_PEERS),
             counters: RouterCounters::default(),
             presence: None,
         }
     }
 
+    /// There is a camera behind us, with this component id, or none.
+    pub const fn set_camera(&mut self, component: Option<u8>) {
+        self.camera = component;
+    }
+
     /// Says what to do with a frame, and counts it.
     pub fn judge(&mut self, now: Timestamp, link: LinkId, frame: &Frame) -> Verdict {
-        if frame.from == self.us {
+        let is_own = |component| {
+            frame.from
+                == Address {
+                    component,
+                    ..self.us
+                }
+        };
+        if frame.from == self.us || self.camera.is_some_and(is_own) {
             self.counters.echoes += 1;
             return Verdict::Echo;
         }
@@ -121,7 +138,13 @@ impl Router {
             frame,
         );
         let (system, component) = frame.message.target();
-        if !self.us.is_targeted_by(system, component) {
+        let is_for_camera = component != 0
+            && self.camera == Some(component)
+            && (system == 0 || system == self.us.system);
+        if is_for_camera && has_token {
+            self.counters.for_us += 1;
+            Verdict::ForCamera
+        } else if !self.us.is_targeted_by(system, component) {
             self.counters.not_for_us += 1;
             Verdict::NotForUs
         } else if !has_token {
@@ -154,6 +177,15 @@ impl Router {
     /// What was seen of each peer.
     pub fn peers(&self) -> impl Iterator<Item = &PeerStats> {
         self.peers.iter().map(|p| &p.stats)
+    }
+
+    /// True if a target may be on a link: everybody is everywhere, and who was heard there is.
+    #[must_use]
+    pub fn is_there(&self, link: LinkId, (system, component): (u8, u8)) -> bool {
+        system == 0
+            || self.peers.iter().any(|p| {
+                p.stats.peer.link == link && p.stats.peer.address.is_targeted_by(system, component)
+            })
     }
 
     /// Forgets the peers of a link.

@@ -6,7 +6,8 @@
 //! | 86 GLOBAL_INT | 0, 5 above sea level; 3, 6, 11 above home | the same, position converted to NED about home |
 //! | 82 ATTITUDE_TARGET | | attitude with yaw or yaw rate, thrust |
 //!
-//! A set bit of `type_mask` says "ignore". Acceleration is feed-forward we do not use; a set point of nothing else, the
+//! A set bit of `type_mask` says "ignore". With a place a velocity is not used; an axis that nothing is said about stays where it is; a
+//! heading alone turns on the spot. A place on one horizontal axis beside a speed on the other is refused. Acceleration is feed-forward we do not use; a set point of nothing else, the
 //! force bit, body rates without an attitude, a missing thrust, NaN and infinities are refused as a whole with a text (at
 //! most one each two seconds). Whether off-board mode is on is the vehicle's business: it takes set points before the mode
 //! is entered, as MAVSDK and PX4 have it.
@@ -159,6 +160,11 @@ fn motion(
         return Err("force set points are not supported");
     }
     let velocity = masked(type_mask, motion_bit::VELOCITY, velocity)?;
+    for (this, other) in [(0, 1), (1, 0)] {
+        if position[this].is_some() && position[other].is_none() && velocity[other].is_some() {
+            return Err("x and y are places or speeds together");
+        }
+    }
     let [yaw_rad] = masked(type_mask, [motion_bit::YAW], [yaw])?;
     let [yaw_rate_radps] = masked(type_mask, [motion_bit::YAW_RATE], [yaw_rate])?;
     let is_empty = position.iter().chain(&velocity).all(Option::is_none)
@@ -312,6 +318,7 @@ mod tests {
         refused(local_target(4, 0), "frame");
         refused(local_target(1, motion_bit::FORCE), "force");
         refused(local_target(1, 0b1100_0011_1111), "neither");
+        refused(local_target(1, 0b1100_0010_1110), "together");
         refused(
             raw::SET_POSITION_TARGET_LOCAL_NED_DATA {
                 x: f32::NAN,

@@ -12,6 +12,7 @@
 use super::{Context, Document, LinkId, Outbox};
 use crate::autopilot::door::Severity;
 use core::time::Duration;
+use mavlink_dialect::codec::passed_on;
 use mavlink_dialect::signing::{SigningKey, SigningState};
 use mavlink_dialect::{Encoder, Frame, FrameBytes, Message};
 use vehicle::Timestamp;
@@ -110,6 +111,16 @@ impl LinkSigning {
             // The number of the link among those of its endpoint; streams of two links never share stamps anyway.
             Some(key) => encoder.encode_signed(message, key, link.0 as u8, self.state.stamp()),
         }
+    }
+
+    /// A frame that came in elsewhere, as this link sends it; none if it cannot carry the signature.
+    pub fn pass_on(&mut self, link: LinkId, wire: &[u8]) -> Option<FrameBytes> {
+        let key = self
+            .keys
+            .get(usize::from(link.endpoint()))
+            .and_then(Option::as_ref);
+        let sign = key.map(|key| (key, link.0 as u8, self.state.stamp()));
+        passed_on(wire, sign)
     }
 
     /// Keeps the clock when it is time.

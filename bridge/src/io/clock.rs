@@ -29,6 +29,12 @@ impl Clock {
         Timestamp::from_us((ns as f64 * self.speed * 1e-3) as u64)
     }
 
+    /// Time on this clock when CLOCK_MONOTONIC showed this, ns: of events the kernel stamps.
+    #[must_use]
+    pub fn at_monotonic_ns(&self, ns: u64) -> Timestamp {
+        Timestamp::from_us((ns.saturating_sub(self.start_ns) as f64 * self.speed * 1e-3) as u64)
+    }
+
     /// How long to wait, in real time, until this clock shows `at`.
     #[must_use]
     pub fn until(&self, at: Timestamp) -> Duration {

@@ -1,5 +1,6 @@
 //! Endpoint URLs as ground-control people write them.
 
+use crate::gcs::access::LinkPolicy;
 use mavlink_dialect::signing::SigningKey;
 use std::fmt;
 use std::str::FromStr;
@@ -12,6 +13,8 @@ pub enum Endpoint {
     UdpServer(String),
     /// Send datagrams there.
     UdpClient(String),
+    /// Call out heartbeats to a broadcast address until a station answers; every one that does becomes a link.
+    UdpBroadcast(String),
     /// Wait for connections; every one is a link.
     TcpServer(String),
     /// Connect there.
@@ -28,7 +31,14 @@ pub enum Endpoint {
 /// Baud of a serial URL that names none.
 pub const DEFAULT_BAUD: u32 = 115_200;
 
-const SCHEMES: [&str; 5] = ["udpserver", "udpclient", "tcpserver", "tcpclient", "serial"];
+const SCHEMES: [&str; 6] = [
+    "udpserver",
+    "udpclient",
+    "udpbroadcast",
+    "tcpserver",
+    "tcpclient",
+    "serial",
+];
 
 /// Why a URL is no endpoint.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -57,35 +67,80 @@ pub enum EndpointError {
         /// Reason.
         why: String,
     },
+    /// An option has a value it does not take.
+    #[error("{name}={got}: it takes {wants}")]
+    Option {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        got: String,
+        /// What it takes.
+        wants: &'static str,
+    },
     /// Baud rate wrong.
     #[error("`{0}` is no baud rate")]
     Baud(String),
 }
 
-/// Takes the key off a URL: `?key=file:PATH` (64 hexadecimal digits, see `kestrel keys`) or `?key=pass:TEXT`. What else
-/// the query says stays.
+/// Takes off a URL what it says about its links; what else the query says stays.
+///
+/// | Option | Says |
+/// | --- | --- |
+/// | `key=file:PATH`, `key=pass:TEXT` | frames are signed (64 hexadecimal digits in the file, see `kestrel keys`) |
+/// | `role=viewer`, `pilot`, `engineer` | what who speaks there may do |
+/// | `rate=N` | telemetry keeps within N bytes a second |
+/// | `route=on` | a camera or companion speaks there: its frames go to the stations, theirs to it |
+///
+/// A serial line without a rate gets seven tenths of what its baud rate carries.
 ///
 /// # Errors
-/// [`EndpointError::Key`] without the secret.
-pub fn split_key(url: &str) -> Result<(String, Option<SigningKey>), EndpointError> {
-    let Some((base, query)) = url.split_once('?') else {
-        return Ok((url.to_owned(), None));
-    };
-    let mut key = None;
+/// [`EndpointError`] without the secret.
+pub fn split_options(url: &str) -> Result<(String, LinkPolicy), EndpointError> {
+    let (base, query) = url.split_once('?').unwrap_or((url, ""));
+    let mut policy = LinkPolicy::default();
     let mut rest = Vec::new();
-    for part in query.split('&') {
-        match part.strip_prefix("key=") {
-            Some(source) => key = Some(read_key(source)?),
-            None => rest.push(part),
+    for part in query.split('&').filter(|p| !p.is_empty()) {
+        let option = |name: &'static str, value: &str, wants: &'static str| EndpointError::Option {
+            name,
+            got: value.to_owned(),
+            wants,
+        };
+        match part.split_once('=') {
+            Some(("key", source)) => policy.key = Some(read_key(source)?),
+            Some(("role", value)) => {
+                let role = value.parse();
+                policy.role =
+                    Some(role.map_err(|()| option("role", value, "viewer, pilot or engineer"))?);
+            }
+            Some(("rate", value)) => {
+                let rate = value
+                    .parse()
+                    .ok()
+                    .filter(|r: &f64| (100.0..=1e9).contains(r));
+                policy.rate_bytes_per_s =
+                    Some(rate.ok_or_else(|| option("rate", value, "bytes a second, 100 or more"))?);
+            }
+            Some(("route", value)) => {
+                policy.is_routed = match value {
+                    "on" => true,
+                    "off" => false,
+                    _ => return Err(option("route", value, "on or off")),
+                }
+            }
+            _ => rest.push(part),
         }
     }
-    let rest = rest.join("&");
-    let url = if rest.is_empty() {
+    policy.url = if rest.is_empty() {
         base.to_owned()
     } else {
-        format!("{base}?{rest}")
+        format!("{base}?{}", rest.join("&"))
     };
-    Ok((url, key))
+    if let Ok(Endpoint::Serial { baud, .. }) = policy.url.parse()
+        && policy.rate_bytes_per_s.is_none()
+    {
+        policy.rate_bytes_per_s = Some(f64::from(baud) * 7.0 / 100.0);
+    }
+    Ok((policy.url.clone(), policy))
 }
 
 fn read_key(source: &str) -> Result<SigningKey, EndpointError> {
@@ -129,6 +184,7 @@ impl FromStr for Endpoint {
         match scheme {
             "udpserver" => Ok(Self::UdpServer(address()?)),
             "udpclient" => Ok(Self::UdpClient(address()?)),
+            "udpbroadcast" => Ok(Self::UdpBroadcast(address()?)),
             "tcpserver" => Ok(Self::TcpServer(address()?)),
             "tcpclient" => Ok(Self::TcpClient(address()?)),
             "serial" => {
@@ -158,6 +214,7 @@ impl fmt::Display for Endpoint {
         match self {
             Self::UdpServer(a) => write!(f, "udpserver://{a}"),
             Self::UdpClient(a) => write!(f, "udpclient://{a}"),
+            Self::UdpBroadcast(a) => write!(f, "udpbroadcast://{a}"),
             Self::TcpServer(a) => write!(f, "tcpserver://{a}"),
             Self::TcpClient(a) => write!(f, "tcpclient://{a}"),
             Self::Serial { device, baud } => write!(f, "serial://{device}?baudrate={baud}"),
@@ -168,12 +225,14 @@ impl fmt::Display for Endpoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gcs::access::Role;
 
     #[test]
     fn every_form_survives_writing_and_reading() {
         for url in [
             "udpserver://0.0.0.0:14550",
             "udpclient://127.0.0.1:14540",
+            "udpbroadcast://192.168.1.255:14550",
             "tcpserver://127.0.0.1:5760",
             "tcpclient://fc.local:5761",
             "serial:///dev/ttyAMA0?baudrate=500000",
@@ -183,29 +242,38 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_taken_off_the_url_and_a_wrong_one_does_not_tell_the_secret() {
-        let (url, key) = split_key("serial:///dev/x?baudrate=57600&key=pass:a b").unwrap();
+    fn options_are_taken_off_the_url_and_a_wrong_key_does_not_tell_the_secret() {
+        let (url, policy) =
+            split_options("serial:///dev/x?baudrate=57600&key=pass:a b&role=pilot").unwrap();
         assert_eq!(url, "serial:///dev/x?baudrate=57600");
-        assert_eq!(key, Some(SigningKey::from_passphrase("a b")));
+        assert_eq!(policy.key, Some(SigningKey::from_passphrase("a b")));
+        assert_eq!(policy.role, Some(Role::Pilot));
         assert_eq!(
-            split_key("udpserver://h:1").unwrap(),
-            ("udpserver://h:1".to_owned(), None)
+            policy.rate_bytes_per_s,
+            Some(4032.0),
+            "what the line carries"
         );
+        let (url, policy) = split_options("udpserver://h:1?rate=2000&route=on").unwrap();
+        assert_eq!(url, "udpserver://h:1");
         assert_eq!(
-            split_key("udpserver://h:1?key=pass:x").unwrap().0,
-            "udpserver://h:1"
+            (policy.rate_bytes_per_s, policy.is_routed),
+            (Some(2000.0), true)
         );
-        let said = split_key("udpserver://h:1?key=hunter2")
-            .unwrap_err()
-            .to_string();
+        let (url, policy) = split_options("udpserver://h:1").unwrap();
+        assert_eq!(
+            (url.as_str(), policy.role, policy.rate_bytes_per_s),
+            ("udpserver://h:1", None, None)
+        );
+        let said = |url: &str| split_options(url).unwrap_err().to_string();
+        let key = said("udpserver://h:1?key=hunter2");
         assert!(
-            said.contains("pass:TEXT") && !said.contains("hunter2"),
-            "{said}"
+            key.contains("pass:TEXT") && !key.contains("hunter2"),
+            "{key}"
         );
-        let said = split_key("udpserver://h:1?key=file:/no/such")
-            .unwrap_err()
-            .to_string();
-        assert!(said.contains("/no/such"), "{said}");
+        assert!(said("udpserver://h:1?key=file:/no/such").contains("/no/such"));
+        assert!(said("udpserver://h:1?role=guard").contains("viewer, pilot or engineer"));
+        assert!(said("udpserver://h:1?rate=fast").contains("bytes a second"));
+        assert!(said("udpserver://h:1?route=maybe").contains("on or off"));
     }
 
     #[test]

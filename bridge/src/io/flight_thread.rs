@@ -15,13 +15,16 @@ use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
 use crate::autopilot::door::{Answer, Asked, Event, HostReport, Snapshot};
 use crate::autopilot::flight::Flight;
+use crate::autopilot::insight::Insight;
 use crate::autopilot::io::{FcBytes, Input, Output};
 use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
 use crate::log::{Emitted, FlightRecord, Part};
+use crate::sensor::Sample;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -29,9 +32,15 @@ use std::time::Duration;
 use vehicle::Timestamp;
 
 /// Requests that wait for the flight thread at most.
-const REQUESTS: usize = 256;
+pub(super) const REQUESTS: usize = 256;
+/// Samples of sensors that wait for the flight thread at most.
+const SAMPLES: usize = 512;
+/// Samples taken in a round at most.
+const SAMPLES_A_ROUND: usize = 64;
 /// Answers and events that wait for the ground at most.
-const NEWS: usize = 1024;
+pub(super) const NEWS: usize = 1024;
+/// Reports about the computer that wait at most.
+pub(super) const REPORTS: usize = 4;
 /// Pause before a lost line is opened again.
 const REOPEN: Duration = Duration::from_millis(500);
 /// Bytes taken from the kernel at once.
@@ -54,6 +63,8 @@ pub enum News {
     LineAbsent(String),
     /// The line is open.
     LineOpened,
+    /// The recording that stood for a line is over.
+    RecordingOver,
 }
 
 /// The ground's end of the door.
@@ -64,7 +75,33 @@ pub struct FlightHandle {
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
+    insight: Arc<InsightCell>,
     borrower: Option<Borrower>,
+    inlet: Inlet,
+}
+
+/// Where sensors give their samples.
+#[derive(Clone, Debug)]
+pub struct Inlet {
+    samples: SyncSender<Sample>,
+    wake: Arc<OwnedFd>,
+    /// Its owner is the flight thread: when that is gone nobody wants samples.
+    alive: std::sync::Weak<()>,
+}
+
+impl Inlet {
+    /// Gives a sample; dropped if too many wait.
+    pub fn give(&self, sample: Sample) {
+        if self.samples.try_send(sample).is_ok() {
+            wake_up(&self.wake);
+        }
+    }
+
+    /// True when nobody takes samples any more.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.alive.strong_count() == 0
+    }
 }
 
 /// Who may have the line for a while: a configurator.
@@ -118,9 +155,41 @@ fn lending(wake: &Arc<OwnedFd>) -> (Lender, Borrower) {
 }
 
 impl FlightHandle {
+    /// Of a thread whose line nobody may borrow.
+    pub(super) fn without_line(
+        requests: SyncSender<Asked>,
+        host: SyncSender<HostReport>,
+        wake: Arc<OwnedFd>,
+        news: Receiver<News>,
+        snapshot: Arc<Mutex<Snapshot>>,
+    ) -> Self {
+        let inlet_wake = Arc::clone(&wake);
+        Self {
+            requests,
+            host,
+            wake,
+            news,
+            snapshot,
+            insight: Arc::default(),
+            borrower: None,
+            // Of a craft that takes no samples from elsewhere.
+            inlet: Inlet {
+                samples: sync_channel(1).0,
+                wake: inlet_wake,
+                alive: std::sync::Weak::new(),
+            },
+        }
+    }
+
     /// Who may have the line for a while; once.
     pub const fn take_borrower(&mut self) -> Option<Borrower> {
         self.borrower.take()
+    }
+
+    /// Where sensors give their samples.
+    #[must_use]
+    pub fn inlet(&self) -> Inlet {
+        self.inlet.clone()
     }
 
     /// Hands a request over; false if the ring is full.
@@ -141,6 +210,14 @@ impl FlightHandle {
     #[must_use]
     pub fn poll(&self) -> Option<News> {
         self.news.try_recv().ok()
+    }
+
+    /// Copies the newest look into the vehicle's thoughts and asks for the next one.
+    pub fn read_insight(&self, into: &mut Insight) {
+        if let Ok(seen) = self.insight.seen.lock() {
+            into.copy_from(&seen);
+        }
+        self.insight.is_wanted.store(true, Ordering::Relaxed);
     }
 
     /// Copies the newest snapshot.
@@ -166,12 +243,15 @@ pub fn start(
     }
     let failed = |e: rustix::io::Errno| LineError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
+    let (samples, sensed) = sync_channel(SAMPLES);
+    let alive = Arc::new(());
     let (tell, news) = sync_channel(NEWS);
-    let (host, reports) = sync_channel(4);
+    let (host, reports) = sync_channel(REPORTS);
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
     let snapshot = Arc::new(Mutex::new(flight.snapshot().clone()));
+    let insight = Arc::<InsightCell>::default();
     let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(LineError::Thread)?;
     let (want_line, lines) =
         line_thread(endpoint, tell.clone(), Arc::clone(&wake)).map_err(LineError::Thread)?;
@@ -184,7 +264,13 @@ pub fn start(
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
+        insight: Arc::clone(&insight),
         borrower: Some(borrower),
+        inlet: Inlet {
+            samples,
+            wake: Arc::clone(&wake),
+            alive: Arc::downgrade(&alive),
+        },
     };
     let shell = Shell {
         flight,
@@ -195,12 +281,15 @@ pub fn start(
         lender,
         asked,
         reports,
+        sensed,
+        _alive: alive,
         tell,
         jobs,
         done,
         wake,
         timer,
         cell: snapshot,
+        insight,
         kept,
         own: Histogram::default(),
         was_armed: false,
@@ -214,7 +303,7 @@ pub fn start(
     Ok(handle)
 }
 
-fn wake_up(wake: &OwnedFd) {
+pub(super) fn wake_up(wake: &OwnedFd) {
     let _ = rustix::io::write(wake, &1u64.to_ne_bytes());
 }
 
@@ -351,6 +440,13 @@ fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
     Ok(())
 }
 
+/// A look into the flight's thoughts, taken only when somebody wants it.
+#[derive(Debug, Default)]
+struct InsightCell {
+    is_wanted: AtomicBool,
+    seen: Mutex<Insight>,
+}
+
 struct Shell {
     flight: Flight,
     clock: Clock,
@@ -360,12 +456,16 @@ struct Shell {
     lender: Lender,
     asked: Receiver<Asked>,
     reports: Receiver<HostReport>,
+    sensed: Receiver<Sample>,
+    /// Held by this thread as long as it runs.
+    _alive: Arc<()>,
     tell: SyncSender<News>,
     jobs: SyncSender<estimator::SearchRequest>,
     done: Receiver<estimator::SearchResult>,
     wake: Arc<OwnedFd>,
     timer: AbsoluteTimer,
     cell: Arc<Mutex<Snapshot>>,
+    insight: Arc<InsightCell>,
     kept: Arc<Kept>,
     /// From the stamp of a reply to the end of the write of the frame it caused.
     own: Histogram,
@@ -386,6 +486,12 @@ impl Shell {
             self.lend_line();
             self.take_line();
             self.read_line();
+            for _ in 0..SAMPLES_A_ROUND {
+                match self.sensed.try_recv() {
+                    Ok(sample) => self.handle(sample.into()),
+                    Err(_) => break,
+                }
+            }
             while let Ok(result) = self.done.try_recv() {
                 self.handle(Input::JobDone(result));
             }
@@ -565,6 +671,12 @@ impl Shell {
         {
             cell.clone_from(snapshot);
             cell.flight_loop.reply_to_command = self.own.summary();
+        }
+        if self.insight.is_wanted.load(Ordering::Relaxed)
+            && let Ok(mut seen) = self.insight.seen.try_lock()
+        {
+            self.insight.is_wanted.store(false, Ordering::Relaxed);
+            seen.look(&self.flight);
         }
     }
 }

@@ -28,7 +28,7 @@ impl HostWatch {
         self.dropped = dropped;
         HostReport {
             temperature_c: hottest_c(Path::new("/sys/class/thermal")),
-            is_throttled: is_throttled(),
+            is_throttled: is_throttled(Path::new("/")),
             disk_fails,
             clock_jumped: self.clock(offset_us),
             is_overloaded,
@@ -47,7 +47,7 @@ impl HostWatch {
 }
 
 /// Hottest thermal zone, degrees Celsius; none where the system tells none.
-fn hottest_c(zones: &Path) -> Option<f64> {
+pub(super) fn hottest_c(zones: &Path) -> Option<f64> {
     let mut hottest = None;
     for zone in std::fs::read_dir(zones).ok()?.flatten() {
         let text = std::fs::read_to_string(zone.path().join("temp")).unwrap_or_default();
@@ -60,9 +60,9 @@ fn hottest_c(zones: &Path) -> Option<f64> {
 }
 
 /// What the firmware of a Raspberry Pi says; others do not say.
-fn is_throttled() -> bool {
-    let file = "/sys/devices/platform/soc/soc:firmware/get_throttled";
-    std::fs::read_to_string(file)
+pub(super) fn is_throttled(root: &Path) -> bool {
+    let file = "sys/devices/platform/soc/soc:firmware/get_throttled";
+    std::fs::read_to_string(root.join(file))
         .ok()
         .and_then(|text| u32::from_str_radix(text.trim().trim_start_matches("0x"), 16).ok())
         .is_some_and(|bits| bits & HELD_BACK_NOW != 0)

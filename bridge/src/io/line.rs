@@ -18,14 +18,12 @@ const CONNECT: Duration = Duration::from_secs(2);
 #[derive(Debug, Error)]
 pub enum LineError {
     /// No such device, or not allowed.
-    #[error(
-        "flight controller {endpoint}: {source}: check the cable, the name and that you may open it (group dialout)"
-    )]
+    #[error("flight controller {endpoint}: {reason}: {}", what_to_check(.endpoint))]
     Open {
         /// Where.
         endpoint: Endpoint,
         /// Reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// Not a kind of line a flight controller is on.
     #[error("flight controller {0}: use serial:///dev/...?baudrate=N or tcpclient://host:port")]
@@ -33,6 +31,15 @@ pub enum LineError {
     /// The thread could not be started.
     #[error("cannot start the flight thread: {0}")]
     Thread(io::Error),
+}
+
+const fn what_to_check(endpoint: &Endpoint) -> &'static str {
+    match endpoint {
+        Endpoint::Serial { .. } => {
+            "check the cable, the name and that you may open it (group dialout)"
+        }
+        _ => "check the address and that something listens there",
+    }
 }
 
 /// An open line.
@@ -57,9 +64,9 @@ impl Line {
     /// # Errors
     /// [`LineError`] says what to check.
     pub fn open(endpoint: &Endpoint) -> Result<Self, LineError> {
-        let failed = |source| LineError::Open {
+        let failed = |reason| LineError::Open {
             endpoint: endpoint.clone(),
-            source,
+            reason,
         };
         let port = match endpoint {
             Endpoint::Serial { device, baud } => {

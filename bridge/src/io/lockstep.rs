@@ -4,8 +4,9 @@
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
 use super::firmware::Outside;
+use super::inject::inject;
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, HostReport, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Answer, Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
@@ -91,6 +92,7 @@ pub struct Lockstep {
     pub flight: Flight,
     /// Its MAVLink side.
     pub ground: Ground,
+    rangers: usize,
     now: Timestamp,
     jobs: VecDeque<(Timestamp, SearchRequest)>,
     inputs: VecDeque<Input>,
@@ -148,11 +150,13 @@ impl Lockstep {
             boot_utc_us: super::clock::VIRTUAL_BOOT_UTC_US,
             documents,
         });
+        let rangers = flight_config.ring.rangers.len();
         let flight = Flight::new(now, flight_config);
         let mut this = Self {
             simulator,
             flight,
             ground,
+            rangers,
             now,
             jobs: VecDeque::new(),
             inputs: VecDeque::new(),
@@ -251,10 +255,15 @@ impl Lockstep {
 
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
+        self.ask(Request::ShutDown);
+    }
+
+    /// A request of this program itself; its answer goes to nobody.
+    pub fn ask(&mut self, request: Request) {
         let asked = Asked {
             id: RequestId(0),
             station: Station::default(),
-            request: Request::ShutDown,
+            request,
         };
         self.feed(Input::Asked(asked));
     }
@@ -423,6 +432,19 @@ impl Lockstep {
                     self.log_ground(link, &bytes);
                     self.outgoing.push_back(Outgoing::Frame(link, bytes));
                 }
+                GroundOutput::Request(Asked {
+                    id,
+                    station,
+                    request: Request::Inject(failure),
+                }) => {
+                    let outcome = inject(&mut self.simulator, self.rangers, failure);
+                    let answer = Answer {
+                        id,
+                        station,
+                        outcome,
+                    };
+                    self.ground.answer(self.now, &answer);
+                }
                 GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
                 GroundOutput::Disk(ticket, job) => {
@@ -466,5 +488,7 @@ fn push_inputs(inputs: &mut VecDeque<Input>, output: SimOutput) {
         SimOutput::Ranger(reading) => inputs.push_back(Input::Ranger(reading)),
         SimOutput::DownRange(sample) => inputs.push_back(Input::DownRange(sample)),
         SimOutput::Flow(sample) => inputs.push_back(Input::Flow(sample)),
+        // Lines of devices: whoever simulates those reads them with their drivers.
+        SimOutput::Laser { .. } => {}
     }
 }

@@ -22,7 +22,7 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -124,10 +124,12 @@ impl<T> Tap<T> {
         if self.missing > 0 {
             match self.ring.try_send((self.lost)(self.missing)) {
                 Ok(()) => self.missing = 0,
-                Err(_) => return self.lose(),
+                Err(TrySendError::Full(_)) => return self.lose(),
+                Err(TrySendError::Disconnected(_)) => return,
             }
         }
-        if self.ring.try_send(record).is_err() {
+        // What comes after the log was ended is not missing in it.
+        if let Err(TrySendError::Full(_)) = self.ring.try_send(record) {
             self.lose();
         }
     }

@@ -4,9 +4,10 @@
 //! after [`PEER_SILENT`] without one the link is gone. The thread ends when the [`Links`] handle is dropped.
 
 use super::endpoint::Endpoint;
+use super::route::{Passing, Routes};
 use crate::gcs::LinkId;
-use mavlink_dialect::FrameBytes;
-use mavlink_dialect::signing::SigningKey;
+use crate::gcs::access::LinkPolicy;
+use mavlink_dialect::{Address, FrameBytes};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -23,6 +24,8 @@ use tokio_serial::SerialPortBuilderExt as _;
 
 /// A UDP peer silent for this long is forgotten.
 pub const PEER_SILENT: Duration = Duration::from_secs(20);
+/// A peer silent for this long goes when all places are taken and somebody new speaks.
+pub const MAKES_ROOM: Duration = Duration::from_secs(3);
 /// Peers of one UDP socket at most: a flood of invented addresses costs them, not us.
 const MAX_PEERS: usize = 16;
 /// Messages that wait for the core at most; more are dropped and counted.
@@ -54,20 +57,20 @@ pub enum LinkEvent {
 #[derive(Debug, Error)]
 pub enum OpenError {
     /// Address not known.
-    #[error("{endpoint}: cannot find that address: {source}")]
+    #[error("{endpoint}: cannot find that address: {reason}")]
     Address {
         /// Asked for.
         endpoint: Endpoint,
         /// Reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// Port taken or not allowed.
-    #[error("{endpoint}: {source}{}", if source.kind() == io::ErrorKind::AddrInUse { ": stop the other program or name another port" } else { "" })]
+    #[error("{endpoint}: {reason}{}", if reason.kind() == io::ErrorKind::AddrInUse { ": stop the other program or name another port" } else { "" })]
     Bind {
         /// Asked for.
         endpoint: Endpoint,
         /// Reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The network thread could not be started.
     #[error("cannot start the network thread: {0}")]
@@ -80,6 +83,8 @@ pub struct Links {
     events: std_mpsc::Receiver<LinkEvent>,
     outgoing: mpsc::Sender<(LinkId, FrameBytes)>,
     dropped: Arc<AtomicU64>,
+    joint: Joint,
+    routes: Routes,
     /// What was opened, for people.
     pub described: Vec<String>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -92,14 +97,15 @@ pub struct Wanted {
     pub endpoint: Endpoint,
     /// A default: if its port is taken, the next free one is used.
     pub is_default: bool,
-    /// Frames there are signed with this key, and only such are taken.
-    pub key: Option<SigningKey>,
+    /// What its links may do.
+    pub policy: LinkPolicy,
 }
 
 /// A socket bound before the thread starts, so that errors reach the user at once.
 enum Bound {
     UdpServer(std::net::UdpSocket),
     UdpClient(std::net::UdpSocket, SocketAddr),
+    UdpBroadcast(std::net::UdpSocket, SocketAddr),
     TcpServer(std::net::TcpListener),
     TcpClient(String),
     Serial { device: String, baud: u32 },
@@ -116,19 +122,26 @@ impl Links {
         for w in wanted {
             let (b, text) = bind(w)?;
             bound.push(b);
-            described.push(match w.key {
-                Some(_) => format!("{text} (signed)"),
-                None => text,
-            });
+            described.push(text + &told(&w.policy));
         }
         let (to_core, events) = std_mpsc::sync_channel(TO_CORE);
         let (outgoing, mut from_core) = mpsc::channel::<(LinkId, FrameBytes)>(4 * TO_LINK);
         let dropped = Arc::new(AtomicU64::new(0));
+        let routes = Routes::new(wanted.iter().map(|w| w.policy.clone()).collect());
         let hub = Hub {
+            routes: routes.clone(),
             to_core,
             dropped: Arc::clone(&dropped),
             next_link: Arc::new(AtomicU32::new(1)),
             endpoint: 0,
+        };
+        let (register, mut registered) = mpsc::channel(64);
+        let joint = Joint {
+            hub: Hub {
+                endpoint: JOINED,
+                ..hub.clone()
+            },
+            register: register.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -138,7 +151,6 @@ impl Links {
             .name("links".to_owned())
             .spawn(move || {
                 runtime.block_on(async move {
-                    let (register, mut registered) = mpsc::channel(64);
                     for (b, endpoint) in bound.into_iter().zip(0..) {
                         let hub = Hub {
                             endpoint,
@@ -151,8 +163,16 @@ impl Links {
                     loop {
                         tokio::select! {
                             new = registered.recv() => match new {
-                                Some((id, Some(sender))) => { senders.insert(id, sender); hub.tell(LinkEvent::Up(id)); }
-                                Some((id, None)) => { senders.remove(&id); hub.tell(LinkEvent::Down(id)); }
+                                Some((id, Some(sender))) => {
+                                    hub.routes.set(id, Some(sender.clone()));
+                                    senders.insert(id, sender);
+                                    hub.tell(LinkEvent::Up(id));
+                                }
+                                Some((id, None)) => {
+                                    hub.routes.set(id, None);
+                                    senders.remove(&id);
+                                    hub.tell(LinkEvent::Down(id));
+                                }
                                 None => break,
                             },
                             out = from_core.recv() => match out {
@@ -176,9 +196,18 @@ impl Links {
             events,
             outgoing,
             dropped,
+            joint,
+            routes,
             described,
             thread: Some(thread),
         })
+    }
+
+    /// Tells our own address; true if frames of components behind us are passed on here and not by the core.
+    #[must_use]
+    pub fn routes_as(&self, us: Address) -> bool {
+        self.routes.set_us(us);
+        self.routes.is_plain()
     }
 
     /// The next thing that happened, without waiting.
@@ -200,10 +229,66 @@ impl Links {
         }
     }
 
+    /// Where other parts of the shell join links of their own.
+    #[must_use]
+    pub fn joint(&self) -> Joint {
+        self.joint.clone()
+    }
+
     /// Frames and datagrams dropped because a queue was full.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+/// Number of the endpoint that joined links belong to.
+const JOINED: u8 = u8::MAX;
+
+/// Where a link joins that is opened elsewhere: a page of the console.
+#[derive(Clone, Debug)]
+pub struct Joint {
+    hub: Hub,
+    register: Register,
+}
+
+/// A link that joined; it must [`leave`](Joined::leave).
+#[derive(Debug)]
+pub struct Joined {
+    /// Its number.
+    pub link: LinkId,
+    hub: Hub,
+    register: Register,
+}
+
+impl Joint {
+    /// A new link, and the frames that are to be sent on it; none if the links are closed.
+    pub async fn join(&self) -> Option<(Joined, mpsc::Receiver<FrameBytes>)> {
+        let link = self.hub.link(None);
+        let (sender, frames) = mpsc::channel(TO_LINK);
+        self.register.send((link, Some(sender))).await.ok()?;
+        let joined = Joined {
+            link,
+            hub: self.hub.clone(),
+            register: self.register.clone(),
+        };
+        Some((joined, frames))
+    }
+}
+
+impl Joined {
+    /// Whole frames came; dropped and counted if the core is behind.
+    pub fn frames(&self, bytes: Vec<u8>) {
+        self.hub.tell(LinkEvent::Bytes {
+            link: self.link,
+            bytes,
+            is_datagram: true,
+        });
+    }
+
+    /// The link is gone.
+    pub async fn leave(self) {
+        let _ = self.register.send((self.link, None)).await;
     }
 }
 
@@ -218,21 +303,43 @@ impl Drop for Links {
     }
 }
 
+/// What was said about an endpoint, for people.
+fn told(policy: &LinkPolicy) -> String {
+    let mut words = Vec::new();
+    if policy.key.is_some() {
+        words.push("signed".to_owned());
+    }
+    if let Some(role) = policy.role {
+        words.push(format!("role {role}"));
+    }
+    if let Some(rate) = policy.rate_bytes_per_s {
+        words.push(format!("{rate:.0} B/s"));
+    }
+    if policy.is_routed {
+        words.push("routed".to_owned());
+    }
+    if words.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", words.join(", "))
+    }
+}
+
 fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
     let endpoint = &w.endpoint;
     let resolve = |text: &str| -> Result<SocketAddr, OpenError> {
-        let address = |source| OpenError::Address {
+        let address = |reason| OpenError::Address {
             endpoint: endpoint.clone(),
-            source,
+            reason,
         };
         let mut found = text.to_socket_addrs().map_err(address)?;
         found
             .next()
             .ok_or_else(|| address(io::Error::from(io::ErrorKind::NotFound)))
     };
-    let failed = |source| OpenError::Bind {
+    let failed = |reason| OpenError::Bind {
         endpoint: endpoint.clone(),
-        source,
+        reason,
     };
     // A default port in use gives the next free one; a named one is an error.
     let tries = if w.is_default { 32 } else { 1 };
@@ -262,6 +369,16 @@ fn bind(w: &Wanted) -> Result<(Bound, String), OpenError> {
             };
             let socket = std::net::UdpSocket::bind(any).map_err(failed)?;
             Ok((Bound::UdpClient(socket, to), format!("udpclient://{to}")))
+        }
+        Endpoint::UdpBroadcast(a) => {
+            let to = resolve(a)?;
+            let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::UNSPECIFIED, 0))
+                .and_then(|s| s.set_broadcast(true).map(|()| s))
+                .map_err(failed)?;
+            Ok((
+                Bound::UdpBroadcast(socket, to),
+                format!("udpbroadcast://{to}"),
+            ))
         }
         Endpoint::TcpClient(a) => Ok((Bound::TcpClient(a.clone()), endpoint.to_string())),
         Endpoint::Serial { device, baud } => {
@@ -313,8 +430,9 @@ fn next_free<S>(
 }
 
 /// What every link task knows.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 struct Hub {
+    routes: Routes,
     to_core: std_mpsc::SyncSender<LinkEvent>,
     dropped: Arc<AtomicU64>,
     next_link: Arc<AtomicU32>,
@@ -322,14 +440,47 @@ struct Hub {
     endpoint: u8,
 }
 
+/// What passes frames on, and when the core was last told.
+type Passed = Option<(Passing, Instant)>;
 type Register = mpsc::Sender<(LinkId, Option<mpsc::Sender<FrameBytes>>)>;
 
 impl Hub {
-    fn link(&self) -> LinkId {
-        LinkId::of(
+    /// A fresh link to a peer; none = a line without an address.
+    fn link(&self, peer: Option<SocketAddr>) -> LinkId {
+        let link = LinkId::of(
             self.endpoint,
             self.next_link.fetch_add(1, Ordering::Relaxed),
-        )
+        );
+        if peer.is_some_and(|p| !p.ip().to_canonical().is_loopback()) {
+            link.remote()
+        } else {
+            link
+        }
+    }
+
+    /// Bytes of a link: passed on if it routes, and told to the core.
+    fn bytes(&self, link: LinkId, passing: &mut Passed, bytes: &[u8], is_datagram: bool) {
+        if let Some((passing, asked)) = passing {
+            let lost = passing.take(bytes);
+            self.dropped.fetch_add(lost, Ordering::Relaxed);
+            let now = Instant::now();
+            let since = now.duration_since(*asked).as_secs_f64();
+            *asked = now;
+            // Of a stream nothing may be left out: a frame continues in the next piece.
+            if !passing.for_core(since) && is_datagram {
+                return;
+            }
+        }
+        self.tell(LinkEvent::Bytes {
+            link,
+            bytes: bytes.to_vec(),
+            is_datagram,
+        });
+    }
+
+    /// What passes frames of a link on, if it routes.
+    fn passing(&self, link: LinkId) -> Passed {
+        self.routes.of(link).map(|p| (p, Instant::now()))
     }
 
     /// Never waits: a core that is behind loses datagrams, as a network does.
@@ -346,7 +497,14 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
         Bound::UdpServer(socket) => {
             tokio::spawn(async move {
                 if let Ok(socket) = adopt_udp(socket) {
-                    udp_server(socket, hub, register).await;
+                    udp_server(socket, hub, register, &AtomicU64::new(0)).await;
+                }
+            });
+        }
+        Bound::UdpBroadcast(socket, to) => {
+            tokio::spawn(async move {
+                if let Ok(socket) = adopt_udp(socket) {
+                    udp_broadcast(socket, to, hub, register).await;
                 }
             });
         }
@@ -363,9 +521,14 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
                     .set_nonblocking(true)
                     .and_then(|()| TcpListener::from_std(listener));
                 let Ok(listener) = listener else { return };
-                while let Ok((stream, _)) = listener.accept().await {
+                while let Ok((stream, peer)) = listener.accept().await {
                     let _ = stream.set_nodelay(true);
-                    tokio::spawn(stream_link(stream, hub.clone(), register.clone()));
+                    tokio::spawn(stream_link(
+                        stream,
+                        Some(peer),
+                        hub.clone(),
+                        register.clone(),
+                    ));
                 }
             });
         }
@@ -374,7 +537,8 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
                 loop {
                     if let Ok(stream) = TcpStream::connect(&to).await {
                         let _ = stream.set_nodelay(true);
-                        stream_link(stream, hub.clone(), register.clone()).await;
+                        let peer = stream.peer_addr().ok();
+                        stream_link(stream, peer, hub.clone(), register.clone()).await;
                     }
                     tokio::time::sleep(RETRY).await;
                 }
@@ -384,7 +548,7 @@ fn serve(bound: Bound, hub: &Hub, register: &Register) {
             tokio::spawn(async move {
                 loop {
                     if let Ok(port) = tokio_serial::new(&device, baud).open_native_async() {
-                        stream_link(port, hub.clone(), register.clone()).await;
+                        stream_link(port, None, hub.clone(), register.clone()).await;
                     }
                     tokio::time::sleep(RETRY).await;
                 }
@@ -410,8 +574,32 @@ fn udp_sender(socket: Arc<UdpSocket>, to: SocketAddr) -> mpsc::Sender<FrameBytes
     sender
 }
 
-async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
-    let mut peers: BTreeMap<SocketAddr, (LinkId, Instant)> = BTreeMap::new();
+/// Heartbeats go out to everybody while nobody has answered; who answers is a peer as of a server.
+async fn udp_broadcast(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: Register) {
+    let present = Arc::new(AtomicU64::new(0));
+    let (sender, mut frames) = mpsc::channel::<FrameBytes>(TO_LINK);
+    let (out, answered) = (Arc::clone(&socket), Arc::clone(&present));
+    tokio::spawn(async move {
+        while let Some(frame) = frames.recv().await {
+            // Of version 2, as every frame of ours: the id is in bytes 7 to 9.
+            let is_heartbeat = frame.get(7..10) == Some(&[0, 0, 0]);
+            if is_heartbeat && answered.load(Ordering::Relaxed) == 0 {
+                // No network yet is no reason to stop.
+                let _ = out.send_to(&frame, to).await;
+            }
+        }
+    });
+    if register
+        .send((hub.link(Some(to)), Some(sender)))
+        .await
+        .is_ok()
+    {
+        udp_server(socket, hub, register, &present).await;
+    }
+}
+
+async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register, present: &AtomicU64) {
+    let mut peers: BTreeMap<SocketAddr, (LinkId, Instant, Passed)> = BTreeMap::new();
     let mut buffer = vec![0u8; 65_536];
     let mut sweep = tokio::time::interval(Duration::from_secs(1));
     loop {
@@ -421,27 +609,37 @@ async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
                 let now = Instant::now();
                 if !peers.contains_key(&from) {
                     if peers.len() >= MAX_PEERS {
-                        hub.dropped.fetch_add(1, Ordering::Relaxed);
-                        continue;
+                        // A station beats every second: who has not spoken for three makes room for who does.
+                        let quiet = peers.iter().max_by_key(|(_, (_, at, _))| at.elapsed());
+                        let quiet = quiet.filter(|(_, (_, at, _))| at.elapsed() > MAKES_ROOM).map(|(a, _)| *a);
+                        let Some((link, ..)) = quiet.and_then(|a| peers.remove(&a)) else {
+                            hub.dropped.fetch_add(1, Ordering::Relaxed);
+                            continue;
+                        };
+                        if register.send((link, None)).await.is_err() {
+                            return;
+                        }
                     }
-                    let link = hub.link();
+                    let link = hub.link(Some(from));
                     if register.send((link, Some(udp_sender(Arc::clone(&socket), from)))).await.is_err() {
                         return;
                     }
-                    peers.insert(from, (link, now));
+                    peers.insert(from, (link, now, hub.passing(link)));
+                    present.store(peers.len() as u64, Ordering::Relaxed);
                     // The table announces the link before its first bytes are passed on.
                     tokio::task::yield_now().await;
                 }
-                if let Some((link, heard)) = peers.get_mut(&from) {
+                if let Some((link, heard, passing)) = peers.get_mut(&from) {
                     *heard = now;
-                    hub.tell(LinkEvent::Bytes { link: *link, bytes: buffer[..n].to_vec(), is_datagram: true });
+                    hub.bytes(*link, passing, &buffer[..n], true);
                 }
             }
             _ = sweep.tick() => {
                 let silent: Vec<SocketAddr> =
-                    peers.iter().filter(|(_, (_, at))| at.elapsed() > PEER_SILENT).map(|(a, _)| *a).collect();
+                    peers.iter().filter(|(_, (_, at, _))| at.elapsed() > PEER_SILENT).map(|(a, _)| *a).collect();
                 for address in silent {
-                    if let Some((link, _)) = peers.remove(&address)
+                    present.store(peers.len() as u64 - 1, Ordering::Relaxed);
+                    if let Some((link, ..)) = peers.remove(&address)
                         && register.send((link, None)).await.is_err() {
                         return;
                     }
@@ -452,7 +650,7 @@ async fn udp_server(socket: Arc<UdpSocket>, hub: Hub, register: Register) {
 }
 
 async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: Register) {
-    let link = hub.link();
+    let link = hub.link(Some(to));
     if register
         .send((link, Some(udp_sender(Arc::clone(&socket), to))))
         .await
@@ -460,14 +658,11 @@ async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: 
     {
         return;
     }
+    let mut passing = hub.passing(link);
     let mut buffer = vec![0u8; 65_536];
     loop {
         match socket.recv_from(&mut buffer).await {
-            Ok((n, _)) => hub.tell(LinkEvent::Bytes {
-                link,
-                bytes: buffer[..n].to_vec(),
-                is_datagram: true,
-            }),
+            Ok((n, _)) => hub.bytes(link, &mut passing, &buffer[..n], true),
             // A refused datagram comes back as an error of the next receive.
             Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
         }
@@ -477,10 +672,11 @@ async fn udp_client(socket: Arc<UdpSocket>, to: SocketAddr, hub: Hub, register: 
 /// One byte stream from open to close.
 async fn stream_link<S: AsyncRead + AsyncWrite + Send + 'static>(
     stream: S,
+    peer: Option<SocketAddr>,
     hub: Hub,
     register: Register,
 ) {
-    let link = hub.link();
+    let link = hub.link(peer);
     let (mut read, mut write) = tokio::io::split(stream);
     let (sender, mut frames) = mpsc::channel::<FrameBytes>(TO_LINK);
     if register.send((link, Some(sender))).await.is_err() {
@@ -493,16 +689,13 @@ async fn stream_link<S: AsyncRead + AsyncWrite + Send + 'static>(
             }
         }
     });
+    let mut passing = hub.passing(link);
     let mut buffer = vec![0u8; 4096];
     while let Ok(n) = read.read(&mut buffer).await {
         if n == 0 {
             break;
         }
-        hub.tell(LinkEvent::Bytes {
-            link,
-            bytes: buffer[..n].to_vec(),
-            is_datagram: false,
-        });
+        hub.bytes(link, &mut passing, &buffer[..n], false);
     }
     writer.abort();
     let _ = register.send((link, None)).await;

@@ -164,6 +164,27 @@ impl Order {
         })
     }
 
+    /// In rad/s; of units what the motors about turn at.
+    #[must_use]
+    pub fn speeds_radps(&self) -> [f64; 4] {
+        match self {
+            Self::Units(given) => given.map(|u| {
+                // The cubic grows steadily: by halves.
+                let (mut low, mut high) = (0.0, 400.0);
+                for _ in 0..40 {
+                    let middle = 0.5 * (low + high);
+                    if units(middle) < u {
+                        low = middle;
+                    } else {
+                        high = middle;
+                    }
+                }
+                high
+            }),
+            Self::Speeds(speeds) => *speeds,
+        }
+    }
+
     /// In the driver's units.
     #[must_use]
     pub fn units(&self) -> [u8; 4] {

@@ -3,6 +3,7 @@
 //! Rangers of equal rate and phase fire together; their readings make one scan. A ranger that fires alone makes a scan
 //! of its own beams. A ranger that looks down gives a height instead.
 
+use super::stuck::Stuck;
 use core::time::Duration;
 use vehicle::sample::MAX_BEAMS;
 use vehicle::{Beam, DownRange, RangeScan, RangerReading, RingConfig, Timestamp};
@@ -28,6 +29,7 @@ pub struct Ring {
     group_size: Vec<usize>,
     pending: Option<(RangeScan, usize)>,
     latest: Vec<Option<RangerReading>>,
+    stuck: Vec<Stuck>,
     horizontal_at: Option<Timestamp>,
 }
 
@@ -48,16 +50,19 @@ impl Ring {
             })
             .collect();
         let latest = vec![None; config.rangers.len()];
+        let stuck = vec![Stuck::default(); config.rangers.len()];
         Self {
             config,
             group_size,
             pending: None,
             latest,
+            stuck,
             horizontal_at: None,
         }
     }
 
-    /// Takes a reading; hands out what it completed (at most a left-over scan and its own).
+    /// Takes a reading; hands out what it completed (at most a left-over scan and its own). A ranger that has
+    /// [frozen](super::stuck) is as good as silent.
     pub fn read(&mut self, reading: &RangerReading, mut out: impl FnMut(Measured)) {
         let index = usize::from(reading.ranger);
         let (Some(ranger), Some(latest)) =
@@ -65,6 +70,9 @@ impl Ring {
         else {
             return; // Not one of ours.
         };
+        if self.stuck[index].is_frozen(reading) {
+            return;
+        }
         let beams = ranger.beams(reading);
         if ranger.looks_down() {
             out(Measured::Down(DownRange {
@@ -179,6 +187,18 @@ mod tests {
             })]
         );
         assert_eq!(ring.horizontal_at(), None);
+    }
+
+    #[test]
+    fn a_frozen_ring_is_silent() {
+        let mut ring = Ring::new(RingConfig::built_in("tof32").unwrap());
+        for ms in (0..10_000).step_by(100) {
+            for ranger in 0..4 {
+                collect(&mut ring, &reading(ms, ranger, 8));
+            }
+        }
+        assert_eq!(ring.horizontal_at(), Some(Timestamp::from_ms(3000)));
+        assert_eq!(ring.picture(Timestamp::from_ms(10_000)), None);
     }
 
     #[test]

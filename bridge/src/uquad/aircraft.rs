@@ -3,8 +3,9 @@
 //! | Phase | Motors | Leaves |
 //! | --- | --- | --- |
 //! | calibrating | stand | 512 frames at rest: ready |
-//! | ready | stand | [`Aircraft::take_off`]: starting |
-//! | starting | idle; the driver's ramp | 2.6 s: ramping up |
+//! | ready | stand | [`Aircraft::arm`], [`Aircraft::take_off`]: starting |
+//! | starting | idle; the driver's ramp | 2.6 s: idling |
+//! | idling | idle | a take-off was asked for: ramping up |
 //! | ramping up | control less (100 - n) % of hover above slowest; the filter believes hover | 100 samples: running |
 //! | running | control; the filter believes what was commanded | - |
 //! | off | stop, again until acknowledged; the estimate goes on | - |
@@ -16,8 +17,11 @@ use super::{Said, Step, Uquad, UquadConfig, UquadError};
 use crate::motor::commander::StopReason;
 use crate::motor::{Commander, SpeedRange};
 use arrayvec::ArrayVec;
+use control::state_feedback::StateSetpoint;
 use estimator::imu::Calibration;
+use estimator::thesis::ThesisFilter;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use vehicle::Timestamp;
 
@@ -46,6 +50,8 @@ pub enum Phase {
         /// Since.
         since: Timestamp,
     },
+    /// Motors idle on the floor.
+    Idling,
     /// From slow to hover.
     RampingUp {
         /// Samples done.
@@ -58,7 +64,7 @@ pub enum Phase {
 }
 
 /// Why motors are off.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Off {
     /// As asked.
     Asked,
@@ -72,6 +78,20 @@ pub enum Off {
     Timing,
 }
 
+impl Off {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Asked => "as asked",
+            Self::DriverSilent => "motor driver silent",
+            Self::ImuSilent => "no IMU frame for 1 s",
+            Self::Insane => "tilt above 1 rad or above 55 degC",
+            Self::Timing => "ten timing errors",
+        }
+    }
+}
+
 /// The aircraft. After [`bytes`](Self::bytes), [`acknowledged`](Self::acknowledged), and at least each 10 ms, call [`poll`](Self::poll) until none.
 #[derive(Clone, Debug)]
 pub struct Aircraft {
@@ -83,6 +103,12 @@ pub struct Aircraft {
     insane: u32,
     heard_at: Option<Timestamp>,
     goal_m: Vector3<f64>,
+    /// A take-off was asked for.
+    lifts: bool,
+    /// Speeds the motors turn at whatever is commanded: on the bench.
+    typed: Option<[f64; 4]>,
+    /// The set point comes from outside, sample by sample.
+    is_guided: bool,
     messages: ArrayVec<[u8; 4], 4>,
 }
 
@@ -103,18 +129,78 @@ impl Aircraft {
             insane: 0,
             heard_at: None,
             goal_m: Vector3::zeros(),
+            lifts: false,
+            is_guided: false,
+            typed: None,
             messages: ArrayVec::new(),
         })
     }
 
     /// Starts the motors and climbs. False unless ready.
     pub fn take_off(&mut self, now: Timestamp, height_m: f64) -> bool {
-        let is_ready = self.phase == Phase::Ready && height_m.is_finite();
+        let is_ready = matches!(self.phase, Phase::Ready | Phase::Idling) && height_m.is_finite();
         if is_ready {
-            self.phase = Phase::Starting { since: now };
             self.goal_m.z = height_m;
+            self.lifts = true;
+            self.arm(now);
         }
         is_ready
+    }
+
+    /// Starts the motors and leaves them idling. False unless ready.
+    pub fn arm(&mut self, now: Timestamp) -> bool {
+        let is_ready = self.phase == Phase::Ready;
+        if is_ready {
+            self.phase = Phase::Starting { since: now };
+        }
+        is_ready
+    }
+
+    /// Leaves the floor as soon as the motors idle, guided by [`guide`](Self::guide).
+    pub const fn lift_off(&mut self) {
+        self.lifts = true;
+        self.is_guided = true;
+    }
+
+    /// The set point of the next step, from outside; [`go_to`](Self::go_to) ends that.
+    pub const fn guide(&mut self, setpoint: StateSetpoint) {
+        self.is_guided = true;
+        self.uquad.aim(setpoint);
+    }
+
+    /// After a stop that was asked for, once the driver has taken it: ready again.
+    pub fn rest(&mut self) -> bool {
+        let is_over = self.phase == Phase::Off(Off::Asked) && self.commander.is_stop_acknowledged();
+        if is_over {
+            self.commander.rearm();
+            (self.phase, self.lifts, self.is_guided) = (Phase::Ready, false, false);
+        }
+        is_over
+    }
+
+    /// On the bench the motors turn at these speeds, rad/s, whatever the law says; the filter shall know.
+    pub const fn believe_instead(&mut self, speeds_radps: [f64; 4]) {
+        self.typed = Some(speeds_radps);
+    }
+
+    /// Another weight: hover speed and range follow.
+    pub fn set_hover(&mut self, hover_radps: f64) {
+        self.hover_radps = hover_radps;
+        self.range = SpeedRange::around(hover_radps);
+        self.commander.set_range(self.range);
+        self.uquad
+            .set_speed_range((self.range.slowest_radps, self.range.fastest_radps));
+    }
+
+    /// The loop, for gains and estimate.
+    pub const fn uquad(&mut self) -> &mut Uquad {
+        &mut self.uquad
+    }
+
+    /// The estimate.
+    #[must_use]
+    pub const fn filter(&self) -> &ThesisFilter {
+        self.uquad.filter()
     }
 
     /// Another place in the air: x y z, m, and theta, rad. What is no number is refused with false.
@@ -126,6 +212,7 @@ impl Aircraft {
         setpoint.state[5] = theta_rad;
         self.uquad.aim(setpoint);
         self.goal_m = position_m;
+        self.is_guided = false;
         true
     }
 
@@ -154,7 +241,7 @@ impl Aircraft {
         self.heard_at = Some(now);
         self.judge(now, &step);
         let speeds = self.act(now, &step);
-        self.uquad.believe(speeds);
+        self.uquad.believe(self.typed.unwrap_or(speeds));
         self.approach();
         Some(Step {
             speeds_radps: speeds,
@@ -176,6 +263,14 @@ impl Aircraft {
                 let message = self.commander.idle(now);
                 self.messages.extend(message);
                 if now >= since + START {
+                    self.phase = Phase::Idling;
+                }
+                hover
+            }
+            Phase::Idling => {
+                let message = self.commander.idle(now);
+                self.messages.extend(message);
+                if self.lifts {
                     self.uquad.reset_integrals();
                     self.phase = Phase::RampingUp { sample: 0 };
                 }
@@ -205,7 +300,7 @@ impl Aircraft {
 
     /// Moves the set point towards its goal.
     fn approach(&mut self) {
-        if !matches!(self.phase, Phase::RampingUp { .. } | Phase::Running) {
+        if self.is_guided || !matches!(self.phase, Phase::RampingUp { .. } | Phase::Running) {
             return;
         }
         let mut setpoint = *self.uquad.setpoint();
@@ -250,7 +345,7 @@ impl Aircraft {
         let is_silent = self.heard_at.is_some_and(|t| now >= t + IMU_SILENCE);
         let has_motors = matches!(
             self.phase,
-            Phase::Starting { .. } | Phase::RampingUp { .. } | Phase::Running
+            Phase::Starting { .. } | Phase::Idling | Phase::RampingUp { .. } | Phase::Running
         );
         if is_silent && has_motors {
             self.switch_off(now, Off::ImuSilent);

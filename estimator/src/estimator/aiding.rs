@@ -42,8 +42,9 @@ impl Estimator {
     pub(super) fn heading_increment(&mut self, a: &AttitudeSample) {
         // The window is counted at the filter's time, a few milliseconds from the heading's.
         let x = self.navigation.state();
-        let to_yaw = aid::yaw::observe(x).row;
+        let to_yaw = aid::yaw::observe(x);
         let yaw_rate = to_yaw
+            .row()
             .fixed_rows::<3>(ATTITUDE)
             .dot(&self.navigation.rates());
         let now = self.navigation.at();
@@ -109,6 +110,7 @@ impl Estimator {
         let q = Quality {
             std: SLIDING_STD_MPS,
             correlation_s: SLIDING_S,
+            least_variance: 0.0,
         };
         for filter in [&mut self.navigation, &mut self.odometry] {
             for (i, a) in [Aid::VelocityNorth, Aid::VelocityEast]
@@ -151,6 +153,9 @@ impl Estimator {
         let floor_yaw = self.params.pose_std_yaw_deg.to_radians();
         let std_yaw = libm::hypot(floor_yaw, fix.covariance[2][2].max(0.0).sqrt());
         let [[xx, xy, _], [_, yy, _], _] = fix.covariance;
+        // Fixes of one view share their error however long it is looked at; and the particles have gathered all that the ranges
+        // say, so nothing here is surer of the place than they are.
+        let correlation_s = self.params.pose_correlation_s / fix.news;
         if fix.is_jump {
             let std = libm::hypot(floor, xx.max(yy).max(0.0).sqrt());
             self.go_to(&pose, std, std_yaw);
@@ -173,7 +178,8 @@ impl Estimator {
             let d = [libm::cos(heading), libm::sin(heading)];
             let q = Quality {
                 std: libm::hypot(floor, variance.max(0.0).sqrt()),
-                correlation_s: self.params.pose_correlation_s,
+                correlation_s,
+                least_variance: variance.max(0.0),
             };
             let o = aid::position::observe_along(self.navigation.state(), d);
             self.navigation
@@ -181,7 +187,8 @@ impl Estimator {
         }
         let q = Quality {
             std: std_yaw,
-            correlation_s: self.params.pose_correlation_s,
+            correlation_s,
+            least_variance: fix.covariance[2][2].max(0.0),
         };
         let o = aid::yaw::observe(self.navigation.state());
         let yaw = self.anchor.yaw_to_ned(pose.yaw_rad);

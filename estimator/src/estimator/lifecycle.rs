@@ -75,6 +75,7 @@ impl Estimator {
             .last_imu()
             .map_or_else(Vector3::zeros, |imu| *imu.accel_mps2.vector());
         let is_placed = localization.state == LocalizationState::Localized
+            || self.fresh.has_external(now)
             || matches!(self.start, StartPlace::At { .. });
         let yaw_std = f.yaw_std_rad();
         let position_std = f.std_of(POSITION);

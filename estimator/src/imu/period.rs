@@ -111,7 +111,7 @@ impl SamplingPeriod {
         Judged {
             used_s,
             fault: Some(fault),
-            is_worth_saying: is_gap || self.total % 10 == 1,
+            is_worth_saying: is_gap || self.total == 1 || self.total.is_multiple_of(10),
         }
     }
 
@@ -134,7 +134,7 @@ mod tests {
             assert!(!period.must_stop());
             let judged = period.judge(0.015);
             assert_eq!(judged.used_s, 0.012);
-            assert_eq!(judged.is_worth_saying, n == 1);
+            assert_eq!(judged.is_worth_saying, n == 1 || n == 10);
         }
         assert!(period.must_stop());
     }

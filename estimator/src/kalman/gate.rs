@@ -41,11 +41,25 @@ pub enum Aid {
     VelocityDown,
     /// Angular rate on the ground: nothing turns.
     Rate,
+    /// Pose from outside, north.
+    ExternalNorth,
+    /// Pose from outside, east.
+    ExternalEast,
+    /// Pose from outside, yaw.
+    ExternalYaw,
+    /// Velocity from outside, forward.
+    ExternalForward,
+    /// Velocity from outside, right.
+    ExternalRight,
+    /// Satellite fix, north.
+    GnssNorth,
+    /// Satellite fix, east.
+    GnssEast,
 }
 
 impl Aid {
     /// Number of aids.
-    pub const COUNT: usize = 15;
+    pub const COUNT: usize = 22;
     /// All, in order.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Roll,
@@ -63,6 +77,13 @@ impl Aid {
         Self::VelocityEast,
         Self::VelocityDown,
         Self::Rate,
+        Self::ExternalNorth,
+        Self::ExternalEast,
+        Self::ExternalYaw,
+        Self::ExternalForward,
+        Self::ExternalRight,
+        Self::GnssNorth,
+        Self::GnssEast,
     ];
 }
 
@@ -113,8 +134,15 @@ impl Gate {
         spacing
     }
 
-    pub(crate) fn judge(&mut self, at: Timestamp, innovation: f64, variance: f64) -> Verdict {
-        let normalised = innovation * innovation / variance;
+    /// Judges an innovation by its predicted variance; the caller has its inverse at hand.
+    pub(crate) fn judge(
+        &mut self,
+        at: Timestamp,
+        innovation: f64,
+        variance: f64,
+        inverse: f64,
+    ) -> Verdict {
+        let normalised = innovation * innovation * inverse;
         self.status.innovation = innovation;
         self.status.normalised = normalised;
         if normalised <= GATE {
@@ -143,13 +171,13 @@ mod tests {
     fn a_spike_is_refused_and_a_second_of_spikes_is_believed() {
         let mut gate = Gate::default();
         let at = Timestamp::from_ms;
-        assert_eq!(gate.judge(at(0), 1.0, 1.0), Verdict::Use);
-        assert_eq!(gate.judge(at(100), 10.0, 1.0), Verdict::Refuse);
-        assert_eq!(gate.judge(at(200), 1.0, 1.0), Verdict::Use);
-        assert_eq!(gate.judge(at(300), 10.0, 1.0), Verdict::Refuse);
-        assert_eq!(gate.judge(at(1290), 10.0, 1.0), Verdict::Refuse);
+        assert_eq!(gate.judge(at(0), 1.0, 1.0, 1.0), Verdict::Use);
+        assert_eq!(gate.judge(at(100), 10.0, 1.0, 1.0), Verdict::Refuse);
+        assert_eq!(gate.judge(at(200), 1.0, 1.0, 1.0), Verdict::Use);
+        assert_eq!(gate.judge(at(300), 10.0, 1.0, 1.0), Verdict::Refuse);
+        assert_eq!(gate.judge(at(1290), 10.0, 1.0, 1.0), Verdict::Refuse);
         assert_eq!(
-            gate.judge(at(1300), 10.0, 1.0),
+            gate.judge(at(1300), 10.0, 1.0, 1.0),
             Verdict::Widen(100.0 / GATE - 1.0)
         );
         assert_eq!((gate.status().accepted, gate.status().rejected), (3, 3));

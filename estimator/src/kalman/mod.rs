@@ -31,6 +31,7 @@ pub(crate) use predict::is_plausible;
 pub use update::Quality;
 
 use core::f64::consts::PI;
+use covariance::Symmetric;
 use gate::Gate;
 use nalgebra::{SMatrix, SVector, Vector3};
 use vehicle::{ImuSample, In, Ned, Timestamp};
@@ -72,7 +73,9 @@ pub struct InitialStd {
 #[derive(Clone, Debug)]
 pub struct Filter {
     state: Nominal,
-    covariance: Covariance,
+    covariance: Symmetric,
+    /// Corrections of the attitude, halved, that the covariance has not turned with yet.
+    turned: Vector3<f64>,
     at: Timestamp,
     last_imu: Option<ImuSample>,
     noise: ProcessNoise,
@@ -88,7 +91,8 @@ impl Filter {
     pub fn new(noise: ProcessNoise) -> Self {
         Self {
             state: Nominal::default(),
-            covariance: Covariance::identity(),
+            covariance: Symmetric::diagonal(&ErrorVector::repeat(1.0)),
+            turned: Vector3::zeros(),
             at: Timestamp::ZERO,
             last_imu: None,
             noise,
@@ -102,20 +106,21 @@ impl Filter {
     pub fn start(&mut self, at: Timestamp, state: Nominal, std: InitialStd) {
         self.state = state;
         self.at = at;
-        self.covariance = Covariance::zeros();
-        let squared = |s: f64| s * s;
+        let mut std_of = ErrorVector::zeros();
         for i in 0..2 {
-            self.covariance[(POSITION + i, POSITION + i)] = squared(std.position_m);
-            self.covariance[(ATTITUDE + i, ATTITUDE + i)] = squared(std.tilt_rad);
+            std_of[POSITION + i] = std.position_m;
+            std_of[ATTITUDE + i] = std.tilt_rad;
         }
-        self.covariance[(POSITION + 2, POSITION + 2)] = squared(std.height_m);
-        self.covariance[(ATTITUDE + 2, ATTITUDE + 2)] = squared(std.yaw_rad);
+        std_of[POSITION + 2] = std.height_m;
+        std_of[ATTITUDE + 2] = std.yaw_rad;
         for i in 0..3 {
-            self.covariance[(VELOCITY + i, VELOCITY + i)] = squared(std.velocity_mps);
+            std_of[VELOCITY + i] = std.velocity_mps;
             // Algorithms note 1.1: 0.3 m/s2 and 0.02 rad/s before any learning.
-            self.covariance[(ACCEL_BIAS + i, ACCEL_BIAS + i)] = squared(0.3);
-            self.covariance[(GYRO_BIAS + i, GYRO_BIAS + i)] = squared(0.02);
+            std_of[ACCEL_BIAS + i] = 0.3;
+            std_of[GYRO_BIAS + i] = 0.02;
         }
+        self.covariance = Symmetric::diagonal(&std_of.component_mul(&std_of));
+        self.turned = Vector3::zeros();
         self.is_running = true;
     }
 
@@ -133,8 +138,8 @@ impl Filter {
 
     /// Covariance of the error state.
     #[must_use]
-    pub const fn covariance(&self) -> &Covariance {
-        &self.covariance
+    pub fn covariance(&self) -> Covariance {
+        self.covariance.dense()
     }
 
     /// Time the estimate holds for: the last inertial sample.
@@ -166,15 +171,15 @@ impl Filter {
     /// One standard deviation of three neighbouring components.
     #[must_use]
     pub fn std_of(&self, first: usize) -> In<Ned> {
-        let s = |i: usize| self.covariance[(first + i, first + i)].max(0.0).sqrt();
+        let s = |i: usize| self.covariance.variance(first + i).max(0.0).sqrt();
         In::new(s(0), s(1), s(2))
     }
 
     /// One standard deviation of yaw, rad; at most a half turn, which says nothing. Nose straight up or down there is no yaw.
     #[must_use]
     pub fn yaw_std_rad(&self) -> f64 {
-        let row = aid::yaw::observe(&self.state).row;
-        let variance = (row.transpose() * self.covariance * row)[(0, 0)];
+        let o = aid::yaw::observe(&self.state);
+        let (_, variance) = self.covariance.times(o.row(), o.support());
         if variance.is_finite() {
             variance.max(0.0).sqrt().min(PI)
         } else {
@@ -197,15 +202,17 @@ impl Filter {
         self.state.velocity = about_down * self.state.velocity;
         self.state.attitude = about_down * self.state.attitude;
         // NED errors turn with the vehicle; body errors do not.
+        self.settle();
+        let mut covariance = self.covariance.dense();
         let rotation = about_down.to_rotation_matrix().into_inner();
         let mut g = Covariance::identity();
         g.fixed_view_mut::<3, 3>(VELOCITY, VELOCITY)
             .copy_from(&rotation);
-        self.covariance = g * self.covariance * g.transpose();
+        covariance = g * covariance * g.transpose();
         for i in [POSITION, POSITION + 1] {
-            self.covariance.row_mut(i).fill(0.0);
-            self.covariance.column_mut(i).fill(0.0);
-            self.covariance[(i, i)] = std_m * std_m;
+            covariance.row_mut(i).fill(0.0);
+            covariance.column_mut(i).fill(0.0);
+            covariance[(i, i)] = std_m * std_m;
         }
         // Yaw: forget what was known about the rotation around down, then put the new variance there.
         let down_in_body = self.state.attitude.inverse() * Vector3::z();
@@ -213,11 +220,11 @@ impl Filter {
         let mut g = Covariance::identity();
         g.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE)
             .copy_from(&keep);
-        self.covariance = g * self.covariance * g.transpose();
+        covariance = g * covariance * g.transpose();
         let yaw_part = down_in_body * down_in_body.transpose() * (std_yaw * std_yaw);
-        let mut block = self.covariance.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE);
+        let mut block = covariance.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE);
         block += yaw_part;
-        covariance::symmetrise(&mut self.covariance);
+        self.covariance = Symmetric::from_dense(&covariance);
         for aid in [Aid::PoseLong, Aid::PoseCross, Aid::PoseYaw] {
             self.gates[aid as usize].reset();
         }

@@ -58,17 +58,43 @@ fn within(bias: Vector3<f64>, limit: f64) -> Vector3<f64> {
 
 impl Nominal {
     /// Adds an error-state vector (boxplus).
-    #[inline]
     #[must_use]
     pub fn plus(&self, error: &ErrorVector) -> Self {
         let part = |first: usize| error.fixed_rows::<3>(first).into_owned();
-        Self {
-            position: self.position + part(POSITION),
-            velocity: self.velocity + part(VELOCITY),
-            attitude: self.attitude * exp(&part(ATTITUDE)),
-            accel_bias: within(self.accel_bias + part(ACCEL_BIAS), MAX_ACCEL_BIAS_MPS2),
-            gyro_bias: within(self.gyro_bias + part(GYRO_BIAS), MAX_GYRO_BIAS_RADPS),
-        }
+        let mut out = *self;
+        out.add(
+            &part(POSITION),
+            &part(VELOCITY),
+            &part(ATTITUDE),
+            &part(ACCEL_BIAS),
+            &part(GYRO_BIAS),
+        );
+        out.limit_biases();
+        out
+    }
+
+    /// Adds an error, part by part.
+    #[inline]
+    pub(super) fn add(
+        &mut self,
+        position: &Vector3<f64>,
+        velocity: &Vector3<f64>,
+        turn: &Vector3<f64>,
+        accel_bias: &Vector3<f64>,
+        gyro_bias: &Vector3<f64>,
+    ) {
+        self.position += position;
+        self.velocity += velocity;
+        self.attitude *= exp(turn);
+        self.accel_bias += accel_bias;
+        self.gyro_bias += gyro_bias;
+    }
+
+    /// Biases that no sensor has are cut.
+    #[inline]
+    pub(super) fn limit_biases(&mut self) {
+        self.accel_bias = within(self.accel_bias, MAX_ACCEL_BIAS_MPS2);
+        self.gyro_bias = within(self.gyro_bias, MAX_GYRO_BIAS_RADPS);
     }
 
     /// The error-state vector that leads from here to `other` (boxminus).

@@ -3,9 +3,9 @@
 //! Samples come at about 40 Hz over MSP, so the angle turned within one interval (0.05 rad in a fast yaw) is not small
 //! against the noise: the specific force is turned with the attitude in the middle of the interval.
 
-use super::covariance::{self, Transition};
+use super::covariance::{Growth, Symmetric, Transition};
 use super::nominal::exp;
-use super::{ACCEL_BIAS, ATTITUDE, Covariance, Filter, GYRO_BIAS, POSITION, STATES, VELOCITY};
+use super::{ATTITUDE, Covariance, Filter, POSITION, VELOCITY};
 use nalgebra::Vector3;
 use vehicle::ImuSample;
 use vehicle::airframe::GRAVITY_MPS2;
@@ -53,8 +53,8 @@ impl Default for ProcessNoise {
 pub(crate) fn is_plausible(imu: &ImuSample) -> bool {
     imu.accel_mps2.is_finite()
         && imu.gyro_radps.is_finite()
-        && imu.accel_mps2.norm() < MAX_ACCEL_MPS2
-        && imu.gyro_radps.norm() < MAX_RATE_RADPS
+        && imu.accel_mps2.vector().norm_squared() < MAX_ACCEL_MPS2 * MAX_ACCEL_MPS2
+        && imu.gyro_radps.vector().norm_squared() < MAX_RATE_RADPS * MAX_RATE_RADPS
 }
 
 impl Filter {
@@ -73,17 +73,20 @@ impl Filter {
         } else {
             let accel = (previous.accel_mps2.vector() + imu.accel_mps2.vector()) * 0.5;
             let gyro = (previous.gyro_radps.vector() + imu.gyro_radps.vector()) * 0.5;
-            let swing = (imu.accel_mps2 - previous.accel_mps2).norm();
-            self.step(&accel, &gyro, swing, dt);
+            let swing2 = (imu.accel_mps2 - previous.accel_mps2)
+                .vector()
+                .norm_squared();
+            self.step(&accel, &gyro, swing2, dt);
         }
         self.last_imu = Some(*imu);
         self.at = imu.at;
         true
     }
 
-    /// One trapezoid: mean specific force and rate over the interval; `swing` is the change of the specific force in it.
-    fn step(&mut self, accel: &Vector3<f64>, gyro: &Vector3<f64>, swing: f64, dt: f64) {
+    /// One trapezoid: mean specific force and rate over the interval; `swing2` is the square of the specific force's change in it.
+    fn step(&mut self, accel: &Vector3<f64>, gyro: &Vector3<f64>, swing2: f64, dt: f64) {
         let x = &mut self.state;
+        x.limit_biases();
         let force = accel - x.accel_bias;
         let turn = (gyro - x.gyro_bias) * dt;
         let half_turn = exp(&(turn * 0.5));
@@ -95,31 +98,32 @@ impl Filter {
         x.attitude.renormalize_fast();
 
         let rotation = middle.to_rotation_matrix().into_inner();
-        let back = (half_turn * half_turn).inverse();
-        let transition = Transition {
-            dt,
-            rotation,
-            force: rotation * force.cross_matrix(),
-            turn: back.to_rotation_matrix().into_inner(),
-        };
-        covariance::propagate(&mut self.covariance, &transition);
-
+        let force = rotation * force.cross_matrix();
+        let turn = (half_turn * half_turn)
+            .inverse()
+            .to_rotation_matrix()
+            .into_inner();
         let n = self.noise;
         // A knock between two samples may have lasted for all of the interval or for none of it. What white noise alone
         // makes of the difference of two samples is in the density already: counted twice, the filter would doubt itself.
         let by_noise = NOISE_SWING * n.accel * n.accel / dt;
-        let knock = TRAPEZOID_DOUBT * TRAPEZOID_DOUBT * (swing * swing - by_noise).max(0.0);
+        let knock = TRAPEZOID_DOUBT * TRAPEZOID_DOUBT * (swing2 - by_noise).max(0.0);
         let accel_q = n.accel * n.accel + knock * dt;
-        for i in 0..3 {
-            self.add_noise(POSITION + i, accel_q * dt * dt * dt / 3.0);
-            self.add_noise(VELOCITY + i, accel_q * dt);
-            self.add_noise(ATTITUDE + i, n.gyro * n.gyro * dt);
-            self.add_noise(ACCEL_BIAS + i, n.accel_bias * n.accel_bias * dt);
-            self.add_noise(GYRO_BIAS + i, n.gyro_bias * n.gyro_bias * dt);
-            let cross = accel_q * dt * dt * 0.5;
-            self.covariance[(POSITION + i, VELOCITY + i)] += cross;
-            self.covariance[(VELOCITY + i, POSITION + i)] += cross;
-        }
+        let transition = Transition {
+            dt,
+            rotation,
+            force,
+            turn,
+        };
+        let growth = Growth {
+            position: accel_q * dt * dt * dt / 3.0,
+            position_velocity: accel_q * dt * dt * 0.5,
+            velocity: accel_q * dt,
+            attitude: n.gyro * n.gyro * dt,
+            accel_bias: n.accel_bias * n.accel_bias * dt,
+            gyro_bias: n.gyro_bias * n.gyro_bias * dt,
+        };
+        self.covariance.propagate(&transition, &growth);
     }
 
     /// Without inertial samples: constant velocity and attitude, with honest growth of doubt.
@@ -131,19 +135,15 @@ impl Filter {
         for i in 0..3 {
             phi[(POSITION + i, VELOCITY + i)] = dt;
         }
-        self.covariance = phi * self.covariance * phi.transpose();
+        self.settle();
+        let mut p = phi * self.covariance.dense() * phi.transpose();
         let dv = GAP_ACCEL_MPS2 * dt;
+        let turn = (GAP_RATE_RADPS * dt).min(1.0);
         for i in 0..3 {
-            self.add_noise(POSITION + i, 0.25 * dv * dv * dt * dt);
-            self.add_noise(VELOCITY + i, dv * dv);
-            let turn = (GAP_RATE_RADPS * dt).min(1.0);
-            self.add_noise(ATTITUDE + i, turn * turn);
+            p[(POSITION + i, POSITION + i)] += 0.25 * dv * dv * dt * dt;
+            p[(VELOCITY + i, VELOCITY + i)] += dv * dv;
+            p[(ATTITUDE + i, ATTITUDE + i)] += turn * turn;
         }
-        covariance::symmetrise(&mut self.covariance);
-    }
-
-    fn add_noise(&mut self, i: usize, variance: f64) {
-        debug_assert!(i < STATES);
-        self.covariance[(i, i)] += variance;
+        self.covariance = Symmetric::from_dense(&p);
     }
 }

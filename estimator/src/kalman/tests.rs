@@ -22,13 +22,13 @@ fn some_state(seed: f64) -> Nominal {
 /// Compares a row with central differences of the model.
 fn check_row(name: &str, state: &Nominal, model: impl Fn(&Nominal) -> Observation) {
     let eps = 1e-6;
-    let row = model(state).row;
+    let row = *model(state).row();
     for i in 0..STATES {
         let mut e = ErrorVector::zeros();
         e[i] = eps;
         let (plus, minus) = (model(&state.plus(&e)), model(&state.plus(&-e)));
         let mut difference = plus.predicted - minus.predicted;
-        if plus.is_angle {
+        if plus.is_angle() {
             difference = vehicle::angle::wrap_pi(difference);
         }
         let numeric = difference / (2.0 * eps);

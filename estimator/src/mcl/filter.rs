@@ -35,6 +35,11 @@ const STAGES: usize = 6;
 /// ... and spreads the copies by this part of the cluster's deviation.
 const STAGE_JITTER: f64 = 0.25;
 
+/// Particles lie so wide around the places that a search has found, m and rad.
+pub(super) const SEEDED_STD_M: f64 = 0.06;
+/// See [`SEEDED_STD_M`].
+pub(super) const SEEDED_STD_RAD: f64 = 0.05;
+
 /// What one update did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Updated {
@@ -169,8 +174,8 @@ impl ParticleFilter {
             let n = ((0.5 * share + 0.5 / count as f64) * room as f64) as usize;
             self.particles.push_around(
                 &pose,
-                0.06,
-                0.05,
+                SEEDED_STD_M,
+                SEEDED_STD_RAD,
                 n.max(1),
                 (share * portion) as f32,
                 &mut self.random,

@@ -46,6 +46,9 @@ const SAME_RAD: f64 = 0.5;
 /// Another cluster must stay heaviest for this long, s, and be this near, m, to take over without a search.
 const RIVAL_S: f64 = 1.0;
 const RIVAL_REACH_M: f64 = 1.0;
+/// While nothing is claimed the published place goes to the heaviest cluster, if that has this share: of two places that look
+/// alike the particles like now the one and now the other better.
+const TAKEN_MASS: f64 = 0.8;
 /// Weight share and fit that count as good, and as bad.
 const GOOD_MASS: f64 = 0.8;
 const BAD_MASS: f64 = 0.4;
@@ -73,6 +76,9 @@ pub struct Fix {
     pub covariance: [[f64; 3]; 3],
     /// True if the pose jumped: it is no continuation of the one before.
     pub is_jump: bool,
+    /// How much the vehicle saw that it had not seen at the fix before, 0..=1: who stands still sees the same walls with the
+    /// same errors.
+    pub news: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -285,7 +291,7 @@ impl Locator {
         let dt = self
             .updated
             .map_or(FIT_S, |(then, _)| at.seconds_since(then).clamp(0.0, 10.0));
-        self.updated = Some((at, odometry));
+        let is_first = self.updated.replace((at, odometry)).is_none();
         if self.status.state == LocalizationState::Off {
             self.status.state = LocalizationState::Searching;
         }
@@ -304,7 +310,7 @@ impl Locator {
         self.pending_weight = 0;
         self.pending_since = None;
 
-        let news = if self.phase == Phase::Confirming {
+        let news = if is_first {
             1.0
         } else {
             (step.length() / NEWS_M + step.yaw.abs() / NEWS_RAD).clamp(NEWS_STILL, 1.0)
@@ -350,6 +356,7 @@ impl Locator {
             odometry,
             covariance: cluster.covariance,
             is_jump,
+            news,
         })
     }
 
@@ -390,7 +397,7 @@ impl Locator {
         let may_switch = match self.phase {
             Phase::Localized => is_better && is_reachable,
             // Nothing is claimed yet, so nothing jumps for anyone.
-            Phase::Confirming | Phase::Searching | Phase::Lost => heaviest.mass > 0.6,
+            Phase::Confirming | Phase::Searching | Phase::Lost => heaviest.mass > TAKEN_MASS,
         };
         if has_lasted && may_switch {
             self.rival = None;
@@ -412,7 +419,9 @@ impl Locator {
     /// Moves between the states.
     fn judge(&mut self, at: Timestamp) {
         let (mass, fit) = (self.mass, self.status.fit);
-        let is_good = mass >= GOOD_MASS && fit >= self.good_fit;
+        // A plan without open floor has no place to be at, however near its walls are.
+        let has_place = self.filter.field().open_area_m2() > 0.0;
+        let is_good = mass >= GOOD_MASS && fit >= self.good_fit && has_place;
         let is_bad = mass < BAD_MASS || fit < self.bad_fit;
         self.good_since = if is_good {
             Some(self.good_since.unwrap_or(at))

@@ -280,6 +280,17 @@ impl ThesisFilter {
         self.state = state;
     }
 
+    /// Carries the estimate to another position, m; everything else stays.
+    pub fn relocate(&mut self, position_m: Vector3<f64>) {
+        if position_m.iter().all(|v| v.is_finite()) {
+            for i in 0..3 {
+                if self.is_estimated(POSITION + i) {
+                    self.state[POSITION + i] = position_m[i];
+                }
+            }
+        }
+    }
+
     const fn is_estimated(&self, index: usize) -> bool {
         self.config.states.has(index) && (index < BIAS || self.config.has_bias)
     }

@@ -44,6 +44,12 @@ pub(super) struct Hit {
 }
 
 impl Course {
+    /// Of these obstacles.
+    #[must_use]
+    pub const fn new(cylinders: Vec<Cylinder>) -> Self {
+        Self { cylinders }
+    }
+
     /// From a table `x_m,y_m,radius_m` with header.
     ///
     /// # Errors

@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | [`course`] | the obstacles: rays, cones, contact |
 //! | [`rangers`] | what the sensors make of them: rate, latency, faults |
+//! | [`standard`] | courses that every method is asked about: door, corridor, dead end ... |
 //! | [`craft`] | how the vehicle answers a velocity: dead time, lag, at most 3 m/s2 |
 //!
 //! ```
@@ -27,6 +28,7 @@ pub mod course;
 pub mod craft;
 mod noise;
 pub mod rangers;
+pub mod standard;
 
 pub use course::{Course, CourseError};
 pub use rangers::Sensor;

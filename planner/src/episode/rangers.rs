@@ -174,6 +174,12 @@ impl Ring {
                 }
                 TOF_LATENCY_S
             }
+            RangerKind::Laser => {
+                for column in 0..usize::from(config.columns) {
+                    readings.push(self.laser_column(config, column, eye, craft.yaw_rad()));
+                }
+                LASER_LATENCY_S
+            }
             RangerKind::Sonar => {
                 let (reading, latency_s) = self.sonar(config, eye, craft.yaw_rad());
                 readings.push(reading);
@@ -229,6 +235,21 @@ impl Ring {
         } else {
             Some(depth_m + error_m).filter(|d| d.is_finite())
         }
+    }
+
+    /// Length along one ray of a turning laser, m.
+    fn laser_column(
+        &mut self,
+        config: &RangerConfig,
+        column: usize,
+        eye: [f64; 2],
+        yaw_rad: f64,
+    ) -> Option<f64> {
+        let hit = cast(&self.near, eye, yaw_rad - config.column_bearing_rad(column))?;
+        let read_m = hit.distance_m + self.noise.gauss(LASER_SIGMA_M);
+        (config.min_m..=config.max_m)
+            .contains(&read_m)
+            .then_some(read_m)
     }
 
     /// The nearest echo of a cone, m, and when it is told.

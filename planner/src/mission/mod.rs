@@ -20,6 +20,7 @@ pub use plan::{Plan, PlanFault, PlanItem, PlanRefusal, Turn, check};
 use crate::navigator::Goal;
 use crate::params::PlannerParams;
 use arrayvec::ArrayVec;
+use core::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use vehicle::angle::{shortest_turn, wrap_pi};
@@ -110,6 +111,10 @@ struct Begun {
     /// Set when the place is reached: from then on a heading is waited for.
     there_since: Option<Timestamp>,
     at: Timestamp,
+    /// Smallest distance so far to a place that is only passed, within its radius, m.
+    passing_m: Option<f64>,
+    /// A turn with a given way round: what is left of it, clockwise +, and the heading when that was counted, rad.
+    turn_left: Option<(f64, f64)>,
     /// Touched the floor after having been off it: tells a landing from standing there before take-off.
     was_airborne: bool,
 }
@@ -225,6 +230,58 @@ impl Mission {
         self.jumps.resize(MAX_ITEMS, 0);
     }
 
+    /// How far round an item turns the way it names, clockwise +, rad; none if the shorter way will do.
+    fn turn_of(&self, item: &PlanItem, nav: &NavState) -> Option<f64> {
+        let PlanItem::ConditionYaw {
+            yaw_rad,
+            relative,
+            turn,
+        } = *item
+        else {
+            return None;
+        };
+        let left = match (relative, turn) {
+            (true, Turn::Left) => -yaw_rad.abs(),
+            (true, Turn::Right) => yaw_rad.abs(),
+            (_, Turn::Shortest) => return None,
+            (false, way) => {
+                let right = (yaw_rad - nav.yaw_rad()).rem_euclid(TAU);
+                let acceptance = self.params.yaw_acceptance_deg.to_radians();
+                // There already: noise must not send it once round.
+                if right < acceptance || right > TAU - acceptance {
+                    return None;
+                }
+                match way {
+                    Turn::Left => right - TAU,
+                    _ => right,
+                }
+            }
+        };
+        Some(left)
+    }
+
+    /// The leg, its heading led at most a third of a turn ahead where the longer way round is asked for.
+    fn led_round(&mut self, now: Timestamp, begun: Begun, nav: &NavState) -> Leg {
+        const LEAD_RAD: f64 = 2.0;
+        let (Some((left, counted)), Leg::Goto(goal)) = (begun.turn_left, begun.leg) else {
+            return begun.leg;
+        };
+        let yaw = nav.yaw_rad();
+        let left = left - shortest_turn(counted, yaw);
+        if let Some(b) = &mut self.begun {
+            b.turn_left = (left.abs() > LEAD_RAD).then_some((left, yaw));
+            // The time it may take counts from where the shorter way is the right one.
+            b.at = now;
+        }
+        if left.abs() <= LEAD_RAD {
+            return begun.leg;
+        }
+        Leg::Goto(Goal {
+            heading: Some(wrap_pi(yaw + LEAD_RAD.copysign(left))),
+            ..goal
+        })
+    }
+
     /// What to fly now. `landed`: the vehicle stands on the floor with its thrust taken back.
     pub fn step(&mut self, now: Timestamp, nav: &NavState, landed: bool) -> MissionStep {
         let mut step = MissionStep {
@@ -247,14 +304,16 @@ impl Mission {
                         leg: self.leg_of(item, nav),
                         waiting_since: None,
                         there_since: None,
+                        passing_m: None,
                         at: now,
+                        turn_left: self.turn_of(item, nav).map(|left| (left, nav.yaw_rad())),
                         was_airborne: !landed,
                     };
                     self.begun = Some(b);
                     b
                 }
             };
-            step.leg = begun.leg;
+            step.leg = self.led_round(now, begun, nav);
             step.seq = self.seq();
             if !self.is_reached(item, now, nav, landed) || step.reached.is_full() {
                 return step;
@@ -364,6 +423,10 @@ impl Mission {
         begun.was_airborne |= !landed;
         let since_s = now.seconds_since(begun.at);
         let leg = begun.leg;
+        let off_m = match leg {
+            Leg::Goto(g) => (nav.position - g.position).norm_xy(),
+            _ => 0.0,
+        };
         let facing = |heading: Option<f64>| {
             heading.is_none_or(|h| {
                 shortest_turn(nav.yaw_rad(), h).abs() < p.yaw_acceptance_deg.to_radians()
@@ -393,7 +456,7 @@ impl Mission {
                     p.acceptance_m
                 };
                 if hold_s <= 0.0 {
-                    return near(radius);
+                    return near(radius) && is_passed(&mut begun.passing_m, off_m, radius);
                 }
                 if begun.waiting_since.is_none()
                     && near(radius)
@@ -418,13 +481,28 @@ impl Mission {
             PlanItem::Delay { seconds } | PlanItem::ConditionDelay { seconds } => {
                 since_s >= seconds
             }
-            PlanItem::ConditionYaw { .. } => match leg {
-                Leg::Goto(Goal { heading, .. }) => facing(heading) || since_s > p.yaw_timeout_s,
-                _ => true,
-            },
+            PlanItem::ConditionYaw { .. } => {
+                begun.turn_left.is_none()
+                    && match leg {
+                        Leg::Goto(Goal { heading, .. }) => {
+                            facing(heading) || since_s > p.yaw_timeout_s
+                        }
+                        _ => true,
+                    }
+            }
             PlanItem::ChangeSpeed { .. } | PlanItem::Jump { .. } | PlanItem::Skip => true,
         }
     }
+}
+
+/// A place inside its radius is passed when it is near, or no longer comes nearer: waiting for that costs a blink and halves
+/// the distance at which corners are cut.
+fn is_passed(nearest_m: &mut Option<f64>, off_m: f64, radius_m: f64) -> bool {
+    /// Farther than the nearest by this much is going away, not the estimate's tremble, m.
+    const AWAY_M: f64 = 0.015;
+    let least_m = nearest_m.map_or(off_m, |m| m.min(off_m));
+    *nearest_m = Some(least_m);
+    off_m <= 0.5 * radius_m || off_m > least_m + AWAY_M
 }
 
 #[cfg(test)]
@@ -518,6 +596,53 @@ mod tests {
         ]);
         assert_eq!(fly(&mut m, 200), ((0..9).collect(), true));
         assert_eq!((m.state(), m.seq()), (MissionState::Complete, 8));
+    }
+
+    #[test]
+    fn a_turn_goes_the_way_round_it_names() {
+        for (relative, turn, yaw_deg, degrees) in [
+            (false, Turn::Right, -90.0, 270.0),
+            (false, Turn::Left, -90.0, -90.0),
+            (false, Turn::Left, 90.0, -270.0),
+            (false, Turn::Right, 90.0, 90.0),
+            (false, Turn::Shortest, -90.0, -90.0),
+            (true, Turn::Right, 270.0, 270.0),
+            (true, Turn::Left, 200.0, -200.0),
+            (false, Turn::Right, -0.5, 0.0),
+        ] {
+            let mut m = mission(&[PlanItem::ConditionYaw {
+                yaw_rad: f64::to_radians(yaw_deg),
+                relative,
+                turn,
+            }]);
+            let (mut yaw, mut turned) = (0.0f64, 0.0f64);
+            for step in 0..400 {
+                let here = NavState {
+                    attitude: Rot::<Frd, Ned>::from_roll_pitch_yaw(0.0, 0.0, wrap_pi(yaw)),
+                    ..nav(0.0, 0.0, 1.0)
+                };
+                let s = m.step(Timestamp::from_ms(step * 50), &here, false);
+                if s.finished {
+                    break;
+                }
+                let Leg::Goto(Goal {
+                    heading: Some(heading),
+                    ..
+                }) = s.leg
+                else {
+                    panic!("{:?}", s.leg)
+                };
+                // A vehicle that turns the shorter way at 1 rad/s.
+                let by = shortest_turn(yaw, heading).clamp(-0.05, 0.05);
+                (yaw, turned) = (yaw + by, turned + by);
+            }
+            let off = (turned.to_degrees() - degrees).abs();
+            assert!(
+                off < 12.0,
+                "{relative} {turn:?} {yaw_deg}: turned {:.0}",
+                turned.to_degrees()
+            );
+        }
     }
 
     #[test]

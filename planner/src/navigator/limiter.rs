@@ -2,7 +2,7 @@
 
 use super::sight::RECENT_S;
 use super::{Navigator, SURE_WEIGHT, xy};
-use crate::vfh::steering::stopping_speed;
+use crate::vfh::steering::{reaction_s, stopping_speed};
 use nalgebra::Vector2;
 use vehicle::{In, NavState, Ned, Timestamp};
 
@@ -14,10 +14,14 @@ const RETREAT_MPS: f64 = 0.25;
 const APPROACH_PER_S: f64 = 1.1;
 /// Too close by less than this is left alone, m: no trembling in doors.
 const LEFT_ALONE_M: f64 = 0.03;
+/// What a tilt leads to is asked for this long ahead, s: about the answer of the vehicle; without a velocity longer.
+const TILT_AHEAD_S: f64 = 0.4;
+const TILT_BLIND_S: f64 = 1.0;
 
 impl Navigator {
     /// The nearest allowed velocity: what leads into an obstacle faster than the vehicle could stop is taken away, what
-    /// leads along it stays. Uses the plan's walls and everything seen; without a place on the plan the last returns alone.
+    /// leads along it stays. Uses the plan's walls and everything seen; without a place on the plan the last returns, and for some
+    /// seconds the walls around where it was.
     ///
     /// The hull stops `VFH_MANUAL_STOP` away from obstacles. The vertical part passes unchanged.
     pub fn protect(&mut self, now: Timestamp, nav: &NavState, desired: In<Ned>) -> In<Ned> {
@@ -28,18 +32,20 @@ impl Navigator {
                 In::zero()
             };
         }
-        let place_known = nav.health.position && nav.position.is_finite();
-        if place_known {
-            self.follow_relocalisation(nav);
+        self.follow_relocalisation(nav);
+        let place_holds = self.place_holds(now, nav);
+        if place_holds {
             let here = self.anchor.to_map(nav.position);
-            self.look_around(now, here, nav);
+            self.look_around(now, here);
         }
         let mut v = xy(self.anchor.vector_to_map(desired));
         v = self.not_faster_than_seen(now, v, desired);
         let stop_m = self.radius_m + self.vfh.manual_stop_m;
-        if place_known {
+        if place_holds {
             v = self.held_back_by_all(v, stop_m);
-        } else {
+        }
+        // What is seen now is told from the plan only while the place is known.
+        if !nav.health.position {
             for _ in 0..ROUNDS {
                 for r in self.recent.fresh(now) {
                     let moved = nav.velocity * now.seconds_since(r.at).clamp(0.0, RECENT_S);
@@ -54,6 +60,37 @@ impl Navigator {
             }
         }
         self.world_vector(v).with_z(desired.z())
+    }
+
+    /// The nearest allowed acceleration (world, m/s2) for a pilot who tilts the vehicle directly: what it leads to within a
+    /// moment is held to [`protect`](Self::protect), and nothing is flown faster than it could stop within what is watched.
+    /// Braking takes at most `most_mps2`. Without a velocity it is asked what the tilt alone would lead to in a second.
+    pub fn protect_acceleration(
+        &mut self,
+        now: Timestamp,
+        nav: &NavState,
+        asked: In<Ned>,
+        most_mps2: f64,
+    ) -> In<Ned> {
+        if !self.vfh.enabled || !asked.is_finite() {
+            return asked;
+        }
+        let velocity_known = nav.health.velocity && nav.velocity.is_finite();
+        let (velocity, ahead_s) = if velocity_known {
+            (nav.velocity.with_z(0.0), TILT_AHEAD_S)
+        } else {
+            (In::zero(), TILT_BLIND_S)
+        };
+        let leads_to = velocity + asked.with_z(0.0) * ahead_s;
+        let latency_s = reaction_s(self.vfh.latency_s, self.coverage.period_s());
+        let watched_m = self.vfh.window_m - self.radius_m - self.vfh.manual_stop_m;
+        let fastest = stopping_speed(self.vfh.brake_mps2, latency_s, watched_m);
+        let allowed = self.protect(now, nav, leads_to.limited_xy(fastest));
+        let braked = (allowed - velocity) * (1.0 / ahead_s);
+        if (braked - asked).norm_xy() < 1e-6 {
+            return asked;
+        }
+        braked.limited_xy(most_mps2).with_z(asked.z())
     }
 
     /// What remains of a velocity (plan axes) when the centre shall stop `stop_m` before every obstacle.

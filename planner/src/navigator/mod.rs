@@ -11,6 +11,7 @@
 //!
 //! In both, somebody coming close makes the vehicle step aside ([`crate::evade`]) and come back.
 
+mod classic;
 mod foresight;
 mod hover;
 mod limiter;
@@ -19,12 +20,13 @@ mod travel;
 
 use crate::coverage::Coverage;
 use crate::evade::Evader;
+use crate::fence::{Fence, Site, Zone};
 use crate::params::PlannerParams;
 use crate::route::{MAX_CORNERS, Path, RouteError, Router};
 use crate::tracks::Tracker;
-use crate::vfh::config::VfhParams;
+use crate::vfh::config::{VfhParams, VfhVariant};
 use crate::vfh::grid::{CertaintyGrid, OBSTACLE};
-use crate::vfh::histogram::Histogram;
+use crate::vfh::histogram::{Histogram, Window};
 use crate::vfh::surroundings::{Disc, Surroundings, WallRaster};
 use crate::vfh::{SECTORS, middle_of, sector_of};
 use arrayvec::ArrayVec;
@@ -38,10 +40,17 @@ use vehicle::{FloorPlan, Heading, In, Map, MapAnchor, NavState, Ned, Setpoint, T
 const HOVER_M: f64 = 0.4;
 /// Obstacles weaker than this do not stop anything: a certainty of 6 of 15.
 const SURE_WEIGHT: f64 = 0.16;
+/// A place on the plan that is not confirmed any more holds for this long, s, carried on by the vehicle's velocity: flow drifts
+/// some centimetres meanwhile.
+const CARRIED_S: f64 = 10.0;
 /// Most cells added to one search.
 const SEEN_MAX: usize = 1024;
 /// How far around seen obstacles are added to a search, m.
 const SEEN_RADIUS_M: f64 = 6.0;
+
+/// Points of borders kept for the avoidance, and how far apart they are at least, m.
+const BORDER_MAX: usize = 4096;
+const BORDER_STEP_M: f64 = 0.1;
 
 /// Where to go.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -81,6 +90,17 @@ pub struct Steering {
     pub state: SteeringState,
 }
 
+/// What obstacle avoidance chose last, for people.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Avoidance {
+    /// How the way looks.
+    pub state: SteeringState,
+    /// Direction chosen by the histogram, counter-clockwise from plan x, rad; none if nothing was to choose.
+    pub chosen_rad: Option<f64>,
+    /// Nearest obstacle in any direction, from the vehicle's centre, m; infinite beyond the window.
+    pub nearest_m: f64,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Activity {
     Idle,
@@ -104,6 +124,9 @@ pub struct Navigator {
     recent: sight::RecentReturns,
     surroundings: Surroundings,
     histogram: Histogram,
+    window: Window,
+    /// Only for the thesis' variant.
+    counts: Option<Box<classic::Counts>>,
     evader: Evader,
     evade_place: Option<Vector2<f64>>,
     evade_next: Timestamp,
@@ -120,8 +143,17 @@ pub struct Navigator {
     looked_over: Timestamp,
     planned: Timestamp,
     reset_counter: u8,
+    site: Arc<Site>,
+    home: In<Ned>,
+    /// Points of the fence's border, on the plan.
+    border: Vec<In<Map>>,
+    /// Points of the borders of the plan's no-fly zones.
+    no_fly: Vec<In<Map>>,
+    /// When the place on the plan was last known.
+    placed: Option<Timestamp>,
     seen: Vec<In<Map>>,
     sectors: [f32; SECTORS],
+    state: SteeringState,
     route_ned: ArrayVec<In<Ned>, MAX_CORNERS>,
 }
 
@@ -145,10 +177,17 @@ impl Navigator {
             plan.width() as f64 * plan.resolution_m(),
             plan.height() as f64 * plan.resolution_m(),
         ];
+        let zones = plan.no_fly.iter().map(|z| Zone::keep_out(z)).collect();
+        let mut no_fly = Vec::new();
+        outline(&Fence::new(zones), |p| {
+            no_fly.push(In::new(p[0], p[1], 0.0))
+        });
+        let mut router = Router::new(Arc::clone(&plan), radius_m, &params);
+        router.measure_from(anchor.to_map(In::zero()));
         Self {
             anchor,
             radius_m,
-            router: Router::new(Arc::clone(&plan), radius_m, &params),
+            router,
             walls: WallRaster::new(&plan),
             wall_distance: plan.distance_field(0.6),
             grid: CertaintyGrid::new(plan.origin(), size_m, &vfh),
@@ -157,6 +196,8 @@ impl Navigator {
             recent: sight::RecentReturns::default(),
             surroundings: Surroundings::default(),
             histogram: Histogram::new(&vfh, radius_m),
+            window: Window::new(vfh.window_m),
+            counts: classic::Counts::for_variant(vfh.variant),
             evader: Evader::default(),
             evade_place: None,
             evade_next: Timestamp::ZERO,
@@ -170,8 +211,14 @@ impl Navigator {
             looked_over: Timestamp::ZERO,
             planned: Timestamp::ZERO,
             reset_counter: 0,
+            site: Arc::default(),
+            home: In::zero(),
+            border: Vec::with_capacity(BORDER_MAX),
+            no_fly,
+            placed: None,
             seen: Vec::with_capacity(SEEN_MAX),
             sectors: [f32::INFINITY; SECTORS],
+            state: SteeringState::default(),
             route_ned: ArrayVec::new(),
             params,
             vfh,
@@ -183,7 +230,62 @@ impl Navigator {
         self.router.set_params(&params);
         self.grid.set_params(&vfh);
         self.histogram = Histogram::new(&vfh, self.radius_m);
+        self.window = Window::new(vfh.window_m);
+        if vfh.variant != self.vfh.variant {
+            self.counts = classic::Counts::for_variant(vfh.variant);
+        }
         (self.params, self.vfh) = (params, vfh);
+    }
+
+    /// Takes over what a station drew; gives the old one back to be freed elsewhere. Goals and ways keep inside from now on;
+    /// what is flown to already is not looked at again. Takes a millisecond or two, so not for every tick.
+    pub fn set_site(&mut self, site: Arc<Site>) -> Arc<Site> {
+        self.router.set_fence(&site.fence, &self.anchor);
+        self.set_home(self.home);
+        self.border.clear();
+        let (border, anchor) = (&mut self.border, &self.anchor);
+        outline(&site.fence, |p| {
+            if border.len() < BORDER_MAX {
+                border.push(anchor.to_map(In::new(p[0], p[1], 0.0)));
+            }
+        });
+        core::mem::replace(&mut self.site, site)
+    }
+
+    /// True if the goal lies beyond the fence, or too near to its border to be one.
+    #[must_use]
+    pub fn is_goal_fenced_off(&self) -> bool {
+        self.goal.is_some_and(|g| {
+            let room_m = self.router.room_m(self.anchor.to_map(g.position));
+            room_m < self.radius_m
+        })
+    }
+
+    /// What a station drew.
+    #[must_use]
+    pub const fn site(&self) -> &Arc<Site> {
+        &self.site
+    }
+
+    /// Home is elsewhere now: measures the ways to it, which takes some milliseconds.
+    pub fn set_home(&mut self, home: In<Ned>) {
+        self.home = home;
+        self.router.measure_from(self.anchor.to_map(home));
+    }
+
+    /// Length of the way home on the plan, m, whatever was seen; none where none leads there or the place is not known.
+    #[must_use]
+    pub fn way_home_m(&self, nav: &NavState) -> Option<f64> {
+        let known = nav.health.position && nav.position.is_finite();
+        known
+            .then(|| self.router.measured_m(self.anchor.to_map(nav.position)))
+            .flatten()
+    }
+
+    /// Length of the way from here to a place, m; none if there is none.
+    pub fn way_m(&mut self, to: In<Ned>, nav: &NavState) -> Option<f64> {
+        let path = self.search(to, nav).ok()?;
+        Some(path.windows(2).map(|w| distance(w[0], w[1])).sum())
     }
 
     /// Flies to a place, then hovers there. A place less than 0.4 m away is only hovered at.
@@ -208,6 +310,17 @@ impl Navigator {
                 Activity::Travel
             },
         );
+        Ok(())
+    }
+
+    /// Whether the vehicle can be at all of these places, m.
+    ///
+    /// # Errors
+    /// [`RouteError`] of the first where it cannot.
+    pub fn check_places(&self, places: impl Iterator<Item = In<Ned>>) -> Result<(), RouteError> {
+        for place in places {
+            self.router.check_place(self.anchor.to_map(place))?;
+        }
         Ok(())
     }
 
@@ -252,6 +365,33 @@ impl Navigator {
         &self.sectors
     }
 
+    /// What was chosen in the last step.
+    #[must_use]
+    pub fn avoidance(&self) -> Avoidance {
+        Avoidance {
+            state: self.state,
+            chosen_rad: self.previous_rad,
+            nearest_m: self
+                .sectors
+                .iter()
+                .copied()
+                .fold(f32::INFINITY, f32::min)
+                .into(),
+        }
+    }
+
+    /// The histogram of the last step on the way: sectors counter-clockwise from plan x, for the console.
+    #[must_use]
+    pub const fn histogram(&self) -> &Histogram {
+        &self.histogram
+    }
+
+    /// Direction flown in, chosen by VFH: counter-clockwise from plan x, rad. None if none was free or nothing is flown to.
+    #[must_use]
+    pub const fn chosen_rad(&self) -> Option<f64> {
+        self.previous_rad
+    }
+
     /// The router, for checking plans against the same walls.
     pub const fn router_mut(&mut self) -> &mut Router {
         &mut self.router
@@ -278,11 +418,12 @@ impl Navigator {
     /// Searches with everything that was seen and is still believed.
     fn search(&mut self, to: In<Ned>, nav: &NavState) -> Result<Path, RouteError> {
         let (from, to) = (self.anchor.to_map(nav.position), self.anchor.to_map(to));
+        let is_remembered = self.vfh.variant == VfhVariant::Plus;
         let seen = &mut self.seen;
         seen.clear();
         self.grid
             .around(from, SEEN_RADIUS_M, nav.at, |p, certainty| {
-                if certainty >= OBSTACLE && seen.len() < SEEN_MAX {
+                if is_remembered && certainty >= OBSTACLE && seen.len() < SEEN_MAX {
                     seen.push(p);
                 }
             });
@@ -302,6 +443,12 @@ impl Navigator {
 
     /// What to do now.
     pub fn step(&mut self, now: Timestamp, nav: &NavState) -> Steering {
+        let steering = self.steer(now, nav);
+        self.state = steering.state;
+        steering
+    }
+
+    fn steer(&mut self, now: Timestamp, nav: &NavState) -> Steering {
         let Some(goal) = self.goal else {
             return stand(nav, nav.position.z(), self.kept_yaw_rad, f64::INFINITY);
         };
@@ -311,7 +458,8 @@ impl Navigator {
         }
         self.follow_relocalisation(nav);
         let here = self.anchor.to_map(nav.position);
-        self.look_around(now, here, nav);
+        self.placed = Some(now);
+        self.look_around(now, here);
         match self.activity {
             Activity::Travel => self.travel(now, nav, here, &goal),
             Activity::Hover | Activity::Idle => self.hover(now, nav, here, &goal),
@@ -324,10 +472,14 @@ impl Navigator {
             return;
         }
         self.reset_counter = nav.localization.reset_counter;
+        self.placed = None;
         self.grid.clear();
         self.tracker.clear();
         self.recent.clear();
         self.histogram.clear();
+        if let Some(counts) = &mut self.counts {
+            counts.clear();
+        }
         if let (Activity::Travel, Some(goal)) = (self.activity, self.goal)
             && let Ok(path) = self.search(goal.position, nav)
         {
@@ -335,14 +487,40 @@ impl Navigator {
         }
     }
 
-    /// Collects the obstacles around.
-    fn look_around(&mut self, now: Timestamp, here: In<Map>, nav: &NavState) {
+    /// True if the plan's walls are where the estimate says: the place is known, or was a moment ago and was carried on by
+    /// velocity since.
+    fn place_holds(&mut self, now: Timestamp, nav: &NavState) -> bool {
+        if !nav.position.is_finite() {
+            return false;
+        }
+        if nav.health.position {
+            self.placed = Some(now);
+            return true;
+        }
+        let is_carried = nav.health.velocity && nav.velocity.is_finite();
+        is_carried
+            && self
+                .placed
+                .is_some_and(|at| now.seconds_since(at) < CARRIED_S)
+    }
+
+    /// Collects the obstacles around; where the vehicle is on the plan must hold.
+    fn look_around(&mut self, now: Timestamp, here: In<Map>) {
+        self.grid.stand_on(here, self.radius_m, now);
         let around = &mut self.surroundings;
         around.begin(here, self.vfh.window_m);
-        if nav.health.position {
-            around.add_walls(&self.walls);
+        if self.router.room_m(here) > 0.0 {
+            for p in &self.no_fly {
+                around.add_border(*p);
+            }
+            if self.activity == Activity::Travel {
+                for p in &self.border {
+                    around.add_border(*p);
+                }
+            }
         }
         around.add_cells(&self.grid, now);
+        around.add_walls(&self.walls);
         let believed = self.recent.fresh(now).filter(|r| r.is_supported);
         for echo in believed.filter_map(|r| r.unexplained) {
             around.add_echo(echo);
@@ -368,6 +546,17 @@ impl Navigator {
     fn world_vector(&self, v: Vector2<f64>) -> In<Ned> {
         let zero = self.anchor.to_ned(In::zero());
         (self.anchor.to_ned(In::new(v.x, v.y, 0.0)) - zero).with_z(0.0)
+    }
+}
+
+/// Calls `see` with points of the borders of a fence; not where one zone to stay in goes over into another.
+fn outline(fence: &Fence, mut see: impl FnMut([f64; 2])) {
+    for zone in fence.zones() {
+        zone.shape.outline(BORDER_STEP_M, |p| {
+            if fence.room_m(p) < 0.5 * BORDER_STEP_M {
+                see(p);
+            }
+        });
     }
 }
 

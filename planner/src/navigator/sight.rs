@@ -157,6 +157,15 @@ impl Navigator {
             }
             let from = self.anchor.to_map(position + look.from);
             let to = self.anchor.to_map(position + look.to);
+            if look.is_return
+                && let Some(counts) = &mut self.counts
+            {
+                let centre = self.anchor.to_map(position);
+                counts.add(
+                    Vector2::new(centre.x(), centre.y()),
+                    Vector2::new(to.x(), to.y()),
+                );
+            }
             let explained = look.is_return && self.is_wall(from, to, beam.half_cone_rad, doubt);
             if let Some(echo) = &mut echo {
                 echo.unexplained = (!explained).then_some(to);

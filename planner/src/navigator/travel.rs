@@ -4,8 +4,9 @@ use super::{
     Activity, Goal, HOVER_M, Navigator, Progress, SURE_WEIGHT, Steering, SteeringState, distance,
     nearest_on, stand, xy,
 };
+use crate::vfh::config::VfhVariant;
 use crate::vfh::grid::OBSTACLE;
-use crate::vfh::steering::{Pull, direction, stopping_speed};
+use crate::vfh::steering::{Pull, direction, reaction_s, stopping_speed};
 use core::f64::consts::TAU;
 use nalgebra::Vector2;
 use vehicle::angle::{shortest_turn, wrap_pi};
@@ -23,12 +24,23 @@ const CORRIDOR_SLACK_M: f64 = 0.05;
 
 /// Free space beside the hull on a straight way to the point ahead, m.
 const STRAIGHT_SLACK_M: f64 = 0.08;
-/// The hull's half width seen from where it brakes: what must have been looked into ahead, rad.
-const AHEAD_RAD: f64 = 0.3;
+/// Floor counts as known for this long after somebody looked at it, s; it is asked for over this way, m, for the hull and
+/// this much beside it, m.
+const SEEN_FOR_S: f64 = 10.0;
+const UNSEEN_REACH_M: f64 = 1.6;
+const UNSEEN_SLACK_M: f64 = 0.02;
+/// Into what stays unseen, m/s.
+const UNSEEN_CREEP_MPS: f64 = 0.1;
+/// A bearing this far from every ranger's sight lies on a blind side, rad: gaps between rangers are narrower.
+const BLIND_SIDE_RAD: f64 = 0.524;
+/// Unseen floor nearer than this is looked at, m, by rangers with a shorter period than this, s.
+const LOOK_WITHIN_M: f64 = 0.7;
+const LOOK_PERIOD_S: f64 = 0.15;
 /// Where the next turn can lead: what the nose swings for, rad.
 const SIDES_RAD: f64 = 1.0;
-/// Speed of a ring that must swing for it, shares of the speed into the blind.
-const SIDES_BLIND: f64 = 1.0;
+/// Speed of a ring that must swing for that where nothing is mapped, m/s. (200 courses with the multizone ring: 1 contact at 0.4,
+/// 3 of 100 at 0.5, 10 of 100 at 0.7.)
+const GAPS_MPS: f64 = 0.4;
 /// Speed beside an obstacle that is touched, m/s, and what each metre away from it adds, 1/s.
 const BESIDE_MPS: f64 = 0.35;
 const BESIDE_PER_S: f64 = 3.0;
@@ -45,6 +57,14 @@ const SEEN_NEAR_M: f64 = 3.0;
 /// Swing of the nose on the way, rad, and its period, s: the heading loop follows two thirds of it.
 const SWING_RAD: f64 = 0.6;
 const SWING_S: f64 = 3.0;
+
+/// Floor on the way that nobody has looked at.
+#[derive(Clone, Copy, Debug)]
+struct Unseen {
+    /// How far the vehicle can fly before it covers it, m.
+    free_m: f64,
+    place: In<Map>,
+}
 
 impl Navigator {
     pub(super) fn travel(
@@ -64,12 +84,20 @@ impl Navigator {
             self.path.clear();
             return self.hover(now, nav, here, goal);
         }
-        self.look_over_way(now, nav, here, goal);
+        let is_classic = self.vfh.enabled && self.vfh.variant != VfhVariant::Plus;
+        if !is_classic {
+            self.look_over_way(now, nav, here, goal);
+        }
         let (ahead, left_m) = self.look_ahead(here);
-        self.watch_progress(now, nav, goal, left_m);
+        if !is_classic {
+            self.watch_progress(now, nav, goal, left_m);
+        }
 
         if let Some(place) = self.step_aside(now, nav, here, xy(ahead)) {
             return self.evading(now, nav, here, goal, place, left_m);
+        }
+        if is_classic {
+            return self.travel_classically(nav, here, goal, left_m);
         }
 
         let to = xy(ahead) - xy(here);
@@ -82,8 +110,14 @@ impl Navigator {
             previous_rad: self.previous_rad,
         };
         let enlarged = self.radius_m + self.vfh.safety_m;
-        self.histogram
-            .update(self.surroundings.points(), to.norm() + enlarged);
+        self.histogram.update_over(
+            &mut self.window,
+            &mut self.grid,
+            here,
+            now,
+            self.surroundings.others(),
+            to.norm() + enlarged,
+        );
         // Sectors of five degrees close gaps that the hull still fits through: what can be flown to straight is. Not among
         // people, who do not stay where they are.
         let straight_m = self.surroundings.free_m(
@@ -99,8 +133,14 @@ impl Navigator {
         };
         self.previous_rad = chosen;
         let nose = self.anchor.yaw_to_ned(chosen.unwrap_or(target_rad));
+        let unseen = chosen.and_then(|way_rad| self.unseen_on(now, here, way_rad));
         let heading = if left_m > NOSE_FIRST_M {
-            wrap_pi(nose + self.swing_on_the_way(now, here))
+            let look = unseen.filter(|u| u.free_m < LOOK_WITHIN_M);
+            let turn = look.and_then(|u| self.turn_to_look(now, nav, here, u.place));
+            wrap_pi(turn.map_or_else(
+                || nose + self.swing_on_the_way(now, here),
+                |turn| nav.yaw_rad() + turn,
+            ))
         } else {
             goal.heading.unwrap_or(nose)
         };
@@ -111,7 +151,13 @@ impl Navigator {
             return s;
         };
         let unit = Vector2::new(libm::cos(chosen), libm::sin(chosen));
-        let speed = self.speed(now, here, goal, unit, &pull, left_m);
+        let mut speed = self.speed(now, here, goal, unit, &pull, left_m);
+        if let Some(unseen) = unseen {
+            speed = speed.min(self.speed_towards(&unseen));
+        }
+        if self.must_turn_first(now, nav, chosen) {
+            speed = 0.0;
+        }
         let flown = if self.vfh.enabled && !self.is_somebody_about() {
             self.foreseen(velocity, unit * speed)
         } else {
@@ -156,28 +202,68 @@ impl Navigator {
             return speed;
         }
         let ned = self.anchor.yaw_to_ned(chosen_rad);
-        let mut is_known = self.coverage.knows(now, ned);
-        if self.is_unmapped(now, here) {
-            // The hull's whole width must be in sight all the time; what a turn can lead into, now and then.
-            is_known &= self.coverage.knows_cone(now, ned, AHEAD_RAD)
-                && self.coverage.covers_nose(now, AHEAD_RAD);
-            if !self.coverage.covers_nose(now, SIDES_RAD) {
-                speed = speed.min(SIDES_BLIND * self.vfh.blind_mps);
-            }
+        let is_known = self.coverage.knows(now, ned) || self.is_unmapped(now, here);
+        if self.is_unmapped(now, here) && !self.coverage.covers_nose(now, SIDES_RAD) {
+            speed = speed.min(GAPS_MPS);
         }
         if !is_known {
             speed = speed.min(self.vfh.blind_mps);
         }
         let corridor = self.radius_m + CORRIDOR_SLACK_M;
         let free = self.surroundings.free_m(unit, corridor, SURE_WEIGHT);
-        // What is new is believed at its second echo: slow rangers need longer.
-        let latency_s = self.vfh.latency_s + self.coverage.period_s();
+        let latency_s = reaction_s(self.vfh.latency_s, self.coverage.period_s());
         let stopping = stopping_speed(self.vfh.brake_mps2, latency_s, free);
         // Beside obstacles slower: the hull is not steered to the centimetre.
         let beside_m = self.surroundings.nearest_m(SURE_WEIGHT) - self.radius_m;
         speed = speed.min(BESIDE_MPS + BESIDE_PER_S * beside_m.max(0.0));
         let creep = if free > 0.1 { CREEP_MPS } else { 0.0 };
         speed.min(stopping.max(creep))
+    }
+
+    /// The first floor on a direction that the hull would cover and nobody has looked at; only where the plan does not tell.
+    fn unseen_on(&self, now: Timestamp, here: In<Map>, way_rad: f64) -> Option<Unseen> {
+        if !self.vfh.enabled || !self.is_unmapped(now, here) {
+            return None;
+        }
+        let (s, c) = libm::sincos(way_rad);
+        let hull_m = self.radius_m + UNSEEN_SLACK_M;
+        self.grid
+            .first_unseen(here, [c, s], hull_m, UNSEEN_REACH_M, SEEN_FOR_S, now)
+            .map(|(free_m, place)| Unseen { free_m, place })
+    }
+
+    /// True if the way leads to a side without any ranger, that was not looked into a moment ago either: the nose turns first.
+    fn must_turn_first(&self, now: Timestamp, nav: &NavState, way_rad: f64) -> bool {
+        let way_ned = self.anchor.yaw_to_ned(way_rad);
+        self.vfh.enabled
+            && self.coverage.has_gaps(now)
+            && self
+                .coverage
+                .is_blind_side(now, way_ned - nav.yaw_rad(), BLIND_SIDE_RAD)
+            && !self.coverage.knows(now, way_ned)
+    }
+
+    /// The speed from which the vehicle stops before the unseen; very slowly into it, for what stays in a shadow.
+    fn speed_towards(&self, unseen: &Unseen) -> f64 {
+        let latency_s = reaction_s(self.vfh.latency_s, self.coverage.period_s());
+        stopping_speed(self.vfh.brake_mps2, latency_s, unseen.free_m).max(UNSEEN_CREEP_MPS)
+    }
+
+    /// The turn (clockwise, rad) that brings a place into a ranger's sight.
+    fn turn_to_look(
+        &self,
+        now: Timestamp,
+        nav: &NavState,
+        here: In<Map>,
+        place: In<Map>,
+    ) -> Option<f64> {
+        // Slow rangers would be past it before they have looked.
+        if !self.coverage.has_gaps(now) || self.coverage.period_s() > LOOK_PERIOD_S {
+            return None;
+        }
+        let to = xy(place) - xy(here);
+        let bearing = self.anchor.yaw_to_ned(libm::atan2(to.y, to.x)) - nav.yaw_rad();
+        Some(self.coverage.turn_to_see(now, bearing))
     }
 
     /// The point on the route to steer for, and the way left, m.

@@ -1,5 +1,17 @@
 //! Everything that can be tuned in obstacle avoidance.
 
+vehicle::param_choice! {
+    /// How a direction is chosen among what was seen.
+    pub enum VfhVariant {
+        /// VFH+ with a memory, ways planned anew and a look ahead: what flies.
+        Plus = 0, "plus";
+        /// SNSI's histogram of 2018 as its thesis prints it ([`thesis`](crate::vfh::thesis)).
+        Thesis = 1, "thesis";
+        /// SNSI's first planner, a potential field ([`potential`](crate::potential)).
+        Potential = 2, "potential";
+    }
+}
+
 vehicle::params! {
     /// VFH+ obstacle avoidance (Ulrich and Borenstein 1998).
     pub struct VfhParams {
@@ -25,8 +37,8 @@ vehicle::params! {
         hit: int "VFH_HIT" = 3, "1", 1..=15;
         /// Certainty taken from the cells before it.
         free: int "VFH_FREE" = 1, "1", 0..=15;
-        /// Half-life of cells that were seen a few times only: people, noise.
-        fresh_half_life_s: float "VFH_DECAY_FRESH" = 2.0, "s", 0.5..=60.0;
+        /// Half-life of cells that were seen a few times only: people, noise. Longer than a ring with gaps needs to look again.
+        fresh_half_life_s: float "VFH_DECAY_FRESH" = 6.0, "s", 0.5..=60.0;
         /// Half-life of cells that are certain: furniture. Long, so that a dead end stays known while it is left.
         certain_half_life_s: float "VFH_DECAY_SURE" = 40.0, "s", 1.0..=600.0;
         /// Deceleration that braking counts on.
@@ -37,5 +49,18 @@ vehicle::params! {
         blind_mps: float "VFH_BLIND_SPD" = 0.35, "m/s", 0.05..=1.0;
         /// Distance between hull and obstacle at which manual flight is stopped.
         manual_stop_m: float "VFH_MANUAL_STOP" = 0.3, "m", 0.05..=1.0;
+        /// How a direction is chosen: `plus` flies; `thesis` (SNSI's histogram) and `potential` (its first planner) are there
+        /// to compare with. These two forget nothing, plan nothing anew and run into what their papers say they run into.
+        variant: choice<VfhVariant> "VFH_VARIANT" = VfhVariant::Plus;
+        /// Brake before obstacles also with a variant that would not by itself. Off only to see it fail.
+        guard: bool "VFH_GUARD" = true;
+        /// Variant `thesis`: density up to which a sector belongs to a valley. High flies close, low loses narrow passages.
+        thesis_threshold: float "VFH_TH_THRESH" = 2.0, "1", 0.0..=1000.0;
+        /// Variant `potential`: attraction (eps), force for each metre to the goal.
+        potential_attraction: float "POT_ATTRACT" = 0.0625, "1", 0.001..=10.0;
+        /// Variant `potential`: repulsion (eta) of each certain cell. The program's 5 counts in cells of its map.
+        potential_repulsion: float "POT_REPEL" = 0.02, "1", 0.0..=10.0;
+        /// Variant `potential`: obstacles farther away do not repel (rho).
+        potential_reach_m: float "POT_REACH" = 1.0, "m", 0.1..=3.0;
     }
 }

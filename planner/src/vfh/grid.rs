@@ -6,6 +6,7 @@
 //! so nothing sweeps the grid.
 
 use super::config::VfhParams;
+use arrayvec::ArrayVec;
 use vehicle::{In, Map, Timestamp};
 
 /// Side of a cell, m.
@@ -17,6 +18,9 @@ const CERTAIN: u8 = 12;
 /// Share of a new return in the mean place of its cell, and that place's unit, parts of a cell.
 const NEW_SHARE: f64 = 0.25;
 const MEAN_UNITS: f64 = 250.0;
+const PARTS: i64 = 250;
+/// Most changed cells remembered between two steps.
+const CHANGED_MAX: usize = 96;
 /// A cell counts as an obstacle for routes from this certainty on.
 pub const OBSTACLE: u8 = 6;
 
@@ -38,6 +42,10 @@ pub struct CertaintyGrid {
     height: usize,
     origin: [f64; 2],
     cells: Vec<CellState>,
+    /// When a ray last ended in or crossed a cell, tenths of a second since boot; 0 never.
+    looked_ds: Vec<u32>,
+    /// Cells written since somebody asked last; full = ask for everything.
+    changed: ArrayVec<u32, CHANGED_MAX>,
     fresh_ds: u32,
     sure_ds: u32,
     hit: u8,
@@ -55,6 +63,8 @@ impl CertaintyGrid {
             height,
             origin,
             cells: vec![CellState::default(); width * height],
+            looked_ds: vec![0; width * height],
+            changed: ArrayVec::new(),
             fresh_ds: 0,
             sure_ds: 0,
             hit: 0,
@@ -76,6 +86,67 @@ impl CertaintyGrid {
     /// Forgets everything (the pose has jumped).
     pub fn clear(&mut self) {
         self.cells.fill(CellState::default());
+        self.looked_ds.fill(0);
+        self.forget_changes(true);
+    }
+
+    fn forget_changes(&mut self, all_changed: bool) {
+        self.changed.clear();
+        while all_changed && self.changed.try_push(0).is_ok() {}
+    }
+
+    fn note_change(&mut self, i: usize) {
+        // A full log says that anything may have changed.
+        if self.changed.last() != Some(&(i as u32)) {
+            let _ = self.changed.try_push(i as u32);
+        }
+    }
+
+    /// Hands the cells written since the last call to `see` as column and row; false if there were too many to remember.
+    pub(super) fn take_changes(&mut self, mut see: impl FnMut(&Self, usize, usize)) -> bool {
+        let is_complete = !self.changed.is_full();
+        if is_complete {
+            let changed = core::mem::take(&mut self.changed);
+            for i in &changed {
+                let i = *i as usize;
+                see(self, i % self.width, i / self.width);
+            }
+        }
+        self.forget_changes(false);
+        is_complete
+    }
+
+    /// Width and height, cells.
+    pub(super) const fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// True if a cell may hold something.
+    pub(super) fn is_anything(&self, column: usize, row: usize) -> bool {
+        self.cells[row * self.width + column].certainty > 0
+    }
+
+    /// A place in 1/250 of a cell from the grid's corner.
+    pub(super) fn in_parts(&self, p: In<Map>) -> [i64; 2] {
+        let parts = |v: f64, o: f64| libm::rint((v - o) * (MEAN_UNITS / CELL_M)) as i64;
+        [parts(p.x(), self.origin[0]), parts(p.y(), self.origin[1])]
+    }
+
+    /// A cell as certainty (0 = nothing there), where the mean of its returns lies, 1/250 of a cell from the grid's corner, and
+    /// when it will have decayed further, tenths of a second since boot.
+    pub(super) fn cell(&self, column: usize, row: usize, now: Timestamp) -> (u8, [i64; 2], u32) {
+        let state = self.cells[row * self.width + column];
+        if state.certainty == 0 {
+            return (0, [0, 0], u32::MAX);
+        }
+        let s = self.decayed(state, tenths(now));
+        let half_life = if s.sure { self.sure_ds } else { self.fresh_ds }.max(1);
+        let parts = |k: usize, mean: i8| k as i64 * PARTS + PARTS / 2 + i64::from(mean);
+        (
+            s.certainty,
+            [parts(column, state.mean[0]), parts(row, state.mean[1])],
+            s.at_ds.saturating_add(half_life),
+        )
     }
 
     /// Certainty of the cell at a point, 0..=15.
@@ -97,6 +168,7 @@ impl CertaintyGrid {
             let old = f64::from(mean);
             libm::rint(old + share * (off_m / CELL_M * MEAN_UNITS - old)) as i8
         };
+        self.note_change(i);
         let mean = self.cells[i].mean;
         self.cells[i].mean = [
             toward(mean[0], p.x() - centre.x()),
@@ -112,6 +184,10 @@ impl CertaintyGrid {
         // Half cells: no cell of the ray is left out by more than its corner.
         let steps = libm::floor(length / (0.5 * CELL_M)).min(400.0);
         let mut before = None;
+        let now_ds = tenths(now);
+        if let Some(i) = last {
+            self.looked_ds[i] = now_ds;
+        }
         for k in 0..steps as usize {
             let t = k as f64 / steps;
             let p = In::new(
@@ -124,6 +200,9 @@ impl CertaintyGrid {
                 continue;
             }
             before = i;
+            if let Some(i) = i {
+                self.looked_ds[i] = now_ds;
+            }
             if i.is_some_and(|i| self.cells[i].certainty > 0) {
                 self.write(p, now, |c| c.saturating_sub(loss));
             }
@@ -147,20 +226,86 @@ impl CertaintyGrid {
         };
         let columns = low(centre.x(), self.origin[0])..high(centre.x(), self.origin[0], self.width);
         for row in low(centre.y(), self.origin[1])..high(centre.y(), self.origin[1], self.height) {
+            let line = &self.cells[row * self.width..(row + 1) * self.width];
             for column in columns.clone() {
-                let state = self.cells[row * self.width + column];
+                let state = line[column];
                 if state.certainty > 0 {
                     let c = self.decayed(state, ds).certainty;
                     if c > 0 {
-                        see(self.mean_place(state, column, row), c);
+                        let [x, y] = state.mean.map(|m| f64::from(m) * (CELL_M / MEAN_UNITS));
+                        let at =
+                            |k: usize, axis: usize| self.origin[axis] + (k as f64 + 0.5) * CELL_M;
+                        see(In::new(at(column, 0) + x, at(row, 1) + y, 0.0), c);
                     }
                 }
             }
         }
     }
 
+    /// The vehicle is here: nothing else is.
+    pub fn stand_on(&mut self, here: In<Map>, radius_m: f64, now: Timestamp) {
+        let now_ds = tenths(now);
+        let n = libm::ceil(radius_m / CELL_M) as i32;
+        for row in -n..=n {
+            for column in -n..=n {
+                let off = In::new(f64::from(column), f64::from(row), 0.0) * CELL_M;
+                if off.norm_xy() <= radius_m
+                    && let Some(i) = self.index(here + off)
+                {
+                    self.looked_ds[i] = now_ds;
+                }
+            }
+        }
+    }
+
+    /// Where a disc that moves from a place along a direction (unit vector) first covers floor that nobody has looked at for
+    /// `within_s`: how far it can move before, m, and the place. None if all is known for `reach_m`.
+    #[must_use]
+    pub fn first_unseen(
+        &self,
+        from: In<Map>,
+        direction: [f64; 2],
+        radius_m: f64,
+        reach_m: f64,
+        within_s: f64,
+        now: Timestamp,
+    ) -> Option<(f64, In<Map>)> {
+        let oldest_ds = tenths(now).saturating_sub((within_s * 10.0) as u32).max(1);
+        let [ux, uy] = direction;
+        let half = |u: f64| 0.5 * u.abs() * reach_m + radius_m;
+        let middle = [from.x() + 0.5 * ux * reach_m, from.y() + 0.5 * uy * reach_m];
+        let range = |axis: usize, half_m: f64, n: usize| {
+            let cell = |v: f64| libm::floor((v - self.origin[axis]) / CELL_M);
+            let low = cell(middle[axis] - half_m).max(0.0) as usize;
+            low..(cell(middle[axis] + half_m) + 1.0).clamp(0.0, n as f64) as usize
+        };
+        let columns = range(0, half(ux), self.width);
+        let mut first: Option<(f64, In<Map>)> = None;
+        for row in range(1, half(uy), self.height) {
+            for column in columns.clone() {
+                if self.looked_ds[row * self.width + column] >= oldest_ds {
+                    continue;
+                }
+                let centre = self.centre(column, row);
+                let (x, y) = (centre.x() - from.x(), centre.y() - from.y());
+                let (along, aside) = (x * ux + y * uy, x * uy - y * ux);
+                if aside.abs() >= radius_m || along <= 0.0 {
+                    continue;
+                }
+                let free_m = along - (radius_m * radius_m - aside * aside).sqrt();
+                // What the hull covers already is no news.
+                let is_ahead = free_m > 0.0 && free_m < reach_m;
+                if is_ahead && first.is_none_or(|(m, _)| free_m < m) {
+                    first = Some((free_m, centre));
+                }
+            }
+        }
+        first
+    }
+
     fn write(&mut self, p: In<Map>, now: Timestamp, change: impl FnOnce(u8) -> u8) {
         let Some(i) = self.index(p) else { return };
+        self.note_change(i);
         let at_ds = tenths(now);
         let old = self.decayed(self.cells[i], at_ds);
         let certainty = change(old.certainty);
@@ -200,11 +345,6 @@ impl CertaintyGrid {
         inside.then(|| r as usize * self.width + c as usize)
     }
 
-    fn mean_place(&self, state: CellState, column: usize, row: usize) -> In<Map> {
-        let [x, y] = state.mean.map(|m| f64::from(m) / MEAN_UNITS * CELL_M);
-        self.centre(column, row) + In::new(x, y, 0.0)
-    }
-
     fn centre(&self, column: usize, row: usize) -> In<Map> {
         In::new(
             self.origin[0] + (column as f64 + 0.5) * CELL_M,
@@ -223,7 +363,11 @@ mod tests {
     use super::*;
 
     fn grid() -> CertaintyGrid {
-        CertaintyGrid::new([0.0, 0.0], [4.0, 4.0], &VfhParams::default())
+        let params = VfhParams {
+            fresh_half_life_s: 2.0,
+            ..VfhParams::default()
+        };
+        CertaintyGrid::new([0.0, 0.0], [4.0, 4.0], &params)
     }
 
     const T0: Timestamp = Timestamp::from_ms(1_000);
@@ -274,6 +418,27 @@ mod tests {
             (4, 15)
         );
         assert_eq!(g.certainty(fresh, Timestamp::from_ms(12_000)), 0);
+    }
+
+    #[test]
+    fn floor_nobody_looked_at_is_found_ahead_of_the_hull() {
+        let mut g = grid();
+        let here = In::new(1.05, 2.05, 0.0);
+        g.stand_on(here, 0.2, T0);
+        let ahead = |g: &CertaintyGrid, now| {
+            g.first_unseen(here, [1.0, 0.0], 0.2, 1.5, 10.0, now)
+                .map(|(m, _)| m)
+        };
+        assert!(ahead(&g, T0).is_some_and(|m| m < 0.15));
+        for y in -3..=3 {
+            let beside = In::new(0.0, f64::from(y) * 0.1, 0.0);
+            g.add_free(here, here + In::new(1.0, 0.0, 0.0) + beside, T0);
+            g.add_free(here + beside, here + In::new(1.0, 0.0, 0.0) + beside, T0);
+        }
+        let known_m = ahead(&g, T0).unwrap();
+        assert!((0.7..1.1).contains(&known_m), "{known_m}");
+        let later = Timestamp::from_ms(12_500);
+        assert!(ahead(&g, later).is_some_and(|m| m < known_m), "forgotten");
     }
 
     #[test]

@@ -6,9 +6,11 @@
 //! table over relative places, so a step costs no trigonometry.
 
 use super::config::VfhParams;
+use super::grid::{CELL_M, CertaintyGrid};
 use super::surroundings::Obstacle;
 use super::{SECTOR_RAD, SECTORS};
 use core::f64::consts::{FRAC_PI_2, TAU};
+use vehicle::{In, Map, Timestamp};
 
 /// Raster of the table, m.
 const STEP_M: f64 = 0.05;
@@ -18,8 +20,42 @@ struct Entry {
     /// First sector and number of sectors that a point there blocks.
     first: u8,
     count: u8,
+    /// Distance in steps of the table, rounded down.
+    steps: u16,
     magnitude: f32,
+    /// The same for the window's whole numbers.
+    whole: i32,
 }
+
+/// What the cells of the active window add, kept from step to step: built anew when the vehicle has moved on by a step of
+/// the table, else changed by the cells that changed. Whole numbers, so that nothing creeps in.
+#[derive(Clone, Debug)]
+pub struct Window {
+    edges: [i32; EDGES],
+    /// Place in steps of the table, and the distance up to which obstacles count.
+    centre: [i64; 2],
+    cut_steps: u16,
+    /// The lowest cell of the window, cells a side, and what each adds now.
+    low: [i64; 2],
+    side: usize,
+    held: Vec<Held>,
+    /// When the first of them decays, tenths of a second since boot.
+    decays_ds: u32,
+    is_built: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Held {
+    first: u8,
+    behind: u8,
+    amount: i32,
+}
+
+const EDGES: usize = 2 * SECTORS + 1;
+/// Whole numbers of the window that make 1: a certain cell at the vehicle.
+const WHOLE: i32 = 225 * 1024;
+/// Parts of a cell in a step of the table: a cell is 250 parts, a step half a cell.
+const PARTS_PER_STEP: i64 = 125;
 
 /// Polar density and which sectors are blocked.
 #[derive(Clone, Debug)]
@@ -61,8 +97,31 @@ impl Histogram {
     /// Counts the obstacles nearer than `cut_m` (what is behind the target does not matter) and updates which sectors are
     /// blocked: above the high threshold yes, below the low one no, in between as before.
     pub fn update(&mut self, obstacles: &[Obstacle], cut_m: f64) {
-        // Each obstacle adds to a run of sectors: +m where the run begins, -m behind it, summed up in one pass.
-        let mut edges = [0.0f32; 2 * SECTORS + 1];
+        let mut edges = [0.0f32; EDGES];
+        self.scatter(&mut edges, obstacles, cut_m);
+        self.settle(&edges);
+    }
+
+    /// The same with the cells of the window, brought up to date first; `others` are the obstacles that are no cells.
+    pub fn update_over(
+        &mut self,
+        window: &mut Window,
+        grid: &mut CertaintyGrid,
+        here: In<Map>,
+        now: Timestamp,
+        others: &[Obstacle],
+        cut_m: f64,
+    ) {
+        window.follow(self, grid, here, now, cut_m);
+        let mut edges = window
+            .edges
+            .map(|whole| whole as f32 * (1.0 / WHOLE as f32));
+        self.scatter(&mut edges, others, cut_m);
+        self.settle(&edges);
+    }
+
+    /// Each obstacle adds to a run of sectors: +m where the run begins, -m behind it, summed up in one pass.
+    fn scatter(&self, edges: &mut [f32; EDGES], obstacles: &[Obstacle], cut_m: f64) {
         for o in obstacles {
             if o.distance_m > cut_m {
                 continue;
@@ -80,9 +139,12 @@ impl Histogram {
             edges[usize::from(e.first)] += m;
             edges[usize::from(e.first) + usize::from(e.count)] -= m;
         }
+    }
+
+    fn settle(&mut self, edges: &[f32; EDGES]) {
         let mut running = 0.0f32;
         let mut unrolled = [0.0f32; 2 * SECTORS];
-        for (sum, edge) in unrolled.iter_mut().zip(&edges) {
+        for (sum, edge) in unrolled.iter_mut().zip(edges) {
             running += edge;
             *sum = running;
         }
@@ -116,6 +178,130 @@ impl Histogram {
     }
 }
 
+impl Default for Window {
+    fn default() -> Self {
+        Self {
+            edges: [0; EDGES],
+            centre: [0; 2],
+            cut_steps: 0,
+            low: [0; 2],
+            side: 0,
+            held: Vec::new(),
+            decays_ds: 0,
+            is_built: false,
+        }
+    }
+}
+
+impl Window {
+    /// For a window of this radius, m.
+    #[must_use]
+    pub fn new(window_m: f64) -> Self {
+        let side = 2 * libm::ceil(window_m / CELL_M) as usize + 1;
+        Self {
+            side,
+            held: vec![Held::default(); side * side],
+            ..Self::default()
+        }
+    }
+
+    fn follow(
+        &mut self,
+        tables: &Histogram,
+        grid: &mut CertaintyGrid,
+        here: In<Map>,
+        now: Timestamp,
+        cut_m: f64,
+    ) {
+        let parts = grid.in_parts(here);
+        let centre = parts.map(|v| v.div_euclid(PARTS_PER_STEP));
+        // Rounded up: rather an obstacle too many than one too few.
+        let cut_steps = libm::ceil(cut_m / STEP_M).clamp(0.0, 1e4) as u16;
+        let now_ds = (now.us() / 100_000) as u32;
+        let mut stays = self.is_built
+            && centre == self.centre
+            && cut_steps == self.cut_steps
+            && now_ds < self.decays_ds;
+        if stays {
+            stays = grid.take_changes(|grid, column, row| {
+                self.take_cell(tables, grid, column, row, now);
+            });
+        }
+        if !stays {
+            grid.take_changes(|_, _, _| ());
+            (self.centre, self.cut_steps) = (centre, cut_steps);
+            self.build(tables, grid, parts, now);
+        }
+    }
+
+    fn build(&mut self, tables: &Histogram, grid: &CertaintyGrid, parts: [i64; 2], now: Timestamp) {
+        self.edges = [0; EDGES];
+        self.held.fill(Held::default());
+        self.decays_ds = u32::MAX;
+        self.is_built = true;
+        let half = (self.side / 2) as i64;
+        self.low = parts.map(|v| v.div_euclid(2 * PARTS_PER_STEP) - half);
+        let size = grid.size();
+        let range = |axis: usize| {
+            let from = self.low[axis].clamp(0, size[axis] as i64);
+            let to = (self.low[axis] + self.side as i64).clamp(0, size[axis] as i64);
+            from as usize..to as usize
+        };
+        let (columns, rows) = (range(0), range(1));
+        for row in rows {
+            for column in columns.clone() {
+                if grid.is_anything(column, row) {
+                    self.take_cell(tables, grid, column, row, now);
+                }
+            }
+        }
+    }
+
+    /// Replaces what a cell adds by what it adds now.
+    fn take_cell(
+        &mut self,
+        tables: &Histogram,
+        grid: &CertaintyGrid,
+        column: usize,
+        row: usize,
+        now: Timestamp,
+    ) {
+        let (c, r) = (column as i64 - self.low[0], row as i64 - self.low[1]);
+        let side = self.side as i64;
+        if !(0..side).contains(&c) || !(0..side).contains(&r) {
+            return;
+        }
+        let (certainty, at, decays_ds) = grid.cell(column, row, now);
+        self.decays_ds = self.decays_ds.min(decays_ds);
+        let mut new = Held::default();
+        if certainty > 0 {
+            let place = |axis: usize| {
+                // From the middle of the step, to the nearest place: both halves of a step cancel.
+                let off = at[axis] - self.centre[axis] * PARTS_PER_STEP;
+                off.div_euclid(PARTS_PER_STEP) + tables.half
+            };
+            let (x, y) = (place(0), place(1));
+            let n = tables.side as i64;
+            if (0..n).contains(&x) && (0..n).contains(&y) {
+                let e = &tables.table[y as usize * tables.side + x as usize];
+                if e.steps <= self.cut_steps {
+                    new = Held {
+                        first: e.first,
+                        behind: e.first + e.count,
+                        amount: e.whole * i32::from(certainty) * i32::from(certainty),
+                    };
+                }
+            }
+        }
+        let held = &mut self.held[r as usize * self.side + c as usize];
+        let old = core::mem::replace(held, new);
+        self.edges[usize::from(old.first)] -= old.amount;
+        self.edges[usize::from(old.behind)] += old.amount;
+        self.edges[usize::from(new.first)] += new.amount;
+        self.edges[usize::from(new.behind)] -= new.amount;
+    }
+}
+
 impl Entry {
     fn at(x: f64, y: f64, enlarged_m: f64, window_m: f64) -> Self {
         let d = libm::hypot(x, y);
@@ -133,10 +319,13 @@ impl Entry {
         let last = libm::floor(to - 0.5);
         let wrapped = first - libm::floor(first * SECTOR_RAD / TAU + 1e-12) * SECTORS as f64;
         let share = d / window_m;
+        let magnitude = (1.0 - share * share).max(0.0);
         Self {
             first: (wrapped as usize % SECTORS) as u8,
             count: (last - first + 1.0).clamp(0.0, SECTORS as f64) as u8,
-            magnitude: (1.0 - share * share).max(0.0) as f32,
+            steps: libm::floor(d / STEP_M + 1e-9).min(1e4) as u16,
+            magnitude: magnitude as f32,
+            whole: libm::rint(magnitude * 1024.0) as i32,
         }
     }
 }
@@ -193,6 +382,35 @@ mod tests {
         assert!(h.blocked()[0], "0.25 is above t_low = 0.21");
         h.update(&[], 10.0);
         assert!(!h.blocked()[0]);
+    }
+
+    #[test]
+    fn a_window_kept_up_to_date_is_the_window_built_anew() {
+        let params = VfhParams::default();
+        let mut grid = CertaintyGrid::new([0.0, 0.0], [6.0, 6.0], &params);
+        let (mut kept, mut h) = (Window::new(params.window_m), histogram());
+        let mut seed = 7_u32;
+        let mut random = |n: u32| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) % n
+        };
+        let mut incremental = 0;
+        for step in 0..400_u32 {
+            let now = Timestamp::from_ms(1_000 + u64::from(step) * 25);
+            for _ in 0..random(6) {
+                let p = [random(600), random(600)].map(|v| f64::from(v) * 0.01);
+                grid.add_hit(In::new(p[0], p[1], 0.0), now);
+                grid.add_free(In::new(3.0, 3.0, 0.0), In::new(p[1], p[0], 0.0), now);
+            }
+            let here = In::new(2.5 + 0.004 * f64::from(step), 3.0, 0.0);
+            let before = kept.centre;
+            h.update_over(&mut kept, &mut grid, here, now, &[], 1.3);
+            incremental += u32::from(kept.centre == before);
+            let (mut anew, mut other) = (Window::new(params.window_m), histogram());
+            other.update_over(&mut anew, &mut grid, here, now, &[], 1.3);
+            assert_eq!(kept.edges, anew.edges, "step {step}");
+        }
+        assert!(incremental > 300, "{incremental}");
     }
 
     proptest! {

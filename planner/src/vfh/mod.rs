@@ -13,7 +13,7 @@
 //! | [`histogram`] | polar density, enlarged by the vehicle's size, with hysteresis |
 //! | [`valley`] | openings and the directions worth trying |
 //! | [`steering`] | the cheapest direction; the speed from which stopping is possible |
-//! | [`thesis`] | SNSI's histogram of 2018 as its thesis prints it, for comparison |
+//! | [`thesis`] | SNSI's histogram of 2018 as its thesis prints it, selectable for comparison |
 //!
 //! Sectors are fixed to the plan: sector k spans `5 k .. 5 k + 5` degrees counter-clockwise from plan x. The vehicle can
 //! fly sideways and stop on the spot, so the paper's masking by turning circles falls away.
@@ -26,7 +26,7 @@ pub mod surroundings;
 pub mod thesis;
 pub mod valley;
 
-pub use config::VfhParams;
+pub use config::{VfhParams, VfhVariant};
 
 /// Sectors of the polar histogram.
 pub const SECTORS: usize = 72;

@@ -33,6 +33,15 @@ pub fn direction(p: &VfhParams, blocked: &[bool; SECTORS], pull: &Pull) -> Optio
     best.map(|(_, c)| c)
 }
 
+/// Looks of a ranger that may pass before something new is braked for: it has just looked, and misses once.
+const LOOKS: f64 = 2.5;
+
+/// Time from something new to the first braking, s, with rangers of this period.
+#[must_use]
+pub const fn reaction_s(latency_s: f64, period_s: f64) -> f64 {
+    latency_s + LOOKS * period_s
+}
+
 /// Largest speed, m/s, from which the vehicle stops within `free_m` although it brakes only after the latency.
 #[must_use]
 pub fn stopping_speed(brake_mps2: f64, latency_s: f64, free_m: f64) -> f64 {

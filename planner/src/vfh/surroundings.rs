@@ -107,7 +107,9 @@ pub struct Disc {
 /// The obstacle points of one moment.
 #[derive(Clone, Debug)]
 pub struct Surroundings {
+    /// Cells of the grid first, then everything else.
     points: Vec<Obstacle>,
+    cells: usize,
     centre: In<Map>,
     window_m: f64,
 }
@@ -116,6 +118,7 @@ impl Default for Surroundings {
     fn default() -> Self {
         Self {
             points: Vec::with_capacity(POINTS_MAX),
+            cells: 0,
             centre: In::zero(),
             window_m: 0.0,
         }
@@ -126,6 +129,7 @@ impl Surroundings {
     /// Begins anew around a place; what is farther than `window_m` is left out.
     pub fn begin(&mut self, centre: In<Map>, window_m: f64) {
         self.points.clear();
+        self.cells = 0;
         (self.centre, self.window_m) = (centre, window_m);
     }
 
@@ -136,13 +140,25 @@ impl Surroundings {
         walls.around(centre, window_m, |offset| self.push(offset, weight));
     }
 
-    /// Adds the cells of the certainty grid.
+    /// Adds the cells of the certainty grid: first of all.
     pub fn add_cells(&mut self, grid: &CertaintyGrid, now: Timestamp) {
         let (centre, window_m) = (self.centre, self.window_m);
         grid.around(centre, window_m, now, |p, certainty| {
             let share = f64::from(certainty) / f64::from(CERTAINTY_MAX);
             self.add(p, share * share);
         });
+        self.cells = self.points.len();
+    }
+
+    /// The points that are no cells of the grid.
+    #[must_use]
+    pub fn others(&self) -> &[Obstacle] {
+        &self.points[self.cells..]
+    }
+
+    /// Adds a point of a border that nobody may cross: as good as a wall.
+    pub fn add_border(&mut self, p: In<Map>) {
+        self.add(p, 1.0);
     }
 
     /// Adds a single echo.

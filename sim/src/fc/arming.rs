@@ -7,6 +7,8 @@ use vehicle::Timestamp;
 
 /// `small_angle`: no arming at a larger tilt, cosine of 25 degrees.
 const SMALL_ANGLE_COS: f64 = 0.906_307_787;
+/// A calibration takes so long: 400 samples of Betaflight at a kilohertz and some more.
+const CALIBRATION: core::time::Duration = core::time::Duration::from_millis(800);
 
 /// Why it does not arm.
 pub(crate) mod cause {
@@ -25,6 +27,8 @@ pub(crate) mod cause {
     /// The text command line is open.
     pub(crate) const CLI: u32 = 1 << 9;
     pub(crate) const ARM_SWITCH: u32 = 1 << 10;
+    /// A sensor is being measured at rest.
+    pub(crate) const CALIBRATING: u32 = 1 << 11;
 }
 
 /// What arming depends on in this step.
@@ -60,6 +64,7 @@ pub(super) struct Arming {
     not_disarmed: bool,
     failsafe_since: Option<Timestamp>,
     msp_block: bool,
+    calibrating_until: Timestamp,
 }
 
 impl Arming {
@@ -75,6 +80,7 @@ impl Arming {
             not_disarmed: false,
             failsafe_since: None,
             msp_block: false,
+            calibrating_until: Timestamp::ZERO,
         }
     }
 
@@ -118,6 +124,7 @@ impl Arming {
         let settling = s.now.since(self.booted) < self.rules.settle;
         let on_ground = [
             (settling, cause::SETTLING),
+            (s.now < self.calibrating_until, cause::CALIBRATING),
             (!s.throttle_low, cause::THROTTLE),
             (s.tilt_cos < SMALL_ANGLE_COS, cause::TILT),
             (self.not_disarmed, cause::NOT_DISARMED),
@@ -141,6 +148,13 @@ impl Arming {
     /// MSP_SET_ARMING_DISABLED: blocks arming and disarms.
     pub(super) const fn block_by_msp(&mut self, block: bool) {
         self.msp_block = block;
+    }
+
+    /// Measures a sensor at rest; while armed nothing happens.
+    pub(super) fn calibrate(&mut self, now: Timestamp) {
+        if !self.armed {
+            self.calibrating_until = now + CALIBRATION;
+        }
     }
 
     pub(super) const fn is_armed(&self) -> bool {

@@ -106,7 +106,10 @@ impl FlightController {
                 may
             }
             // Acknowledged but ignored when armed.
-            command::ACC_CALIBRATION => true,
+            command::ACC_CALIBRATION => {
+                self.arming.calibrate(now);
+                true
+            }
             command::REBOOT => {
                 if self.arming.is_armed() {
                     return Some(Outcome::Refused);

@@ -39,6 +39,11 @@ impl Contact {
         }
     }
 
+    /// The walls have changed: what was looked at before does not hold.
+    pub(crate) const fn look_again(&mut self) {
+        self.free_m = -1.0;
+    }
+
     /// After each step of the vehicle.
     pub(crate) fn resolve(
         &mut self,

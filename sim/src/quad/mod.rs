@@ -12,6 +12,7 @@
 pub(crate) mod battery;
 pub(crate) mod contact;
 
+use crate::motor_craft::{MotorCraft, flipped};
 use crate::noise::{Noise, Wander};
 use crate::world::CEILING_M;
 use battery::Battery;
@@ -127,6 +128,35 @@ impl Quad {
         let bump = self.meet_floor_and_ceiling(lift);
         self.feel(before);
         self.battery.step(self.speed);
+        bump
+    }
+
+    /// One millisecond in which another body flies: its motion becomes this one's. Air and floor are this world's.
+    pub(crate) fn follow(&mut self, body: &mut MotorCraft, speeds_radps: [f64; 4]) -> Bump {
+        self.gust.step();
+        body.push(flipped(self.gust.force));
+        let sinking = self.velocity.z;
+        body.step(speeds_radps);
+        let m = *body.motion();
+        let landed = Vector3::new(0.0, 0.0, -self.airframe.landed_height_m);
+        self.position = flipped(m.position_m) + landed;
+        self.velocity = flipped(m.velocity_mps);
+        let q = m.attitude.quaternion();
+        // Half a turn about x on both sides: forward, left, up become forward, right, down.
+        self.attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.i, -q.j, -q.k));
+        self.rates = flipped(m.rates_radps);
+        self.specific_force = flipped(body.specific_force());
+        self.on_floor = m.position_m.z <= 0.0;
+        let mut bump = Bump {
+            floor_mps: self.on_floor.then(|| sinking.max(0.0)),
+            ceiling: false,
+        };
+        let ceiling = TOP_M - CEILING_M;
+        if self.position.z < ceiling {
+            bump.ceiling = true;
+            self.position.z = ceiling;
+            self.velocity.z = self.velocity.z.max(0.0);
+        }
         bump
     }
 

@@ -141,6 +141,7 @@ impl Drawing {
         Room {
             name: name.to_owned(),
             walls: Walls::new(segments),
+            opaque: None,
             plan: Arc::new(self.raster()),
             doors: self.doors,
         }

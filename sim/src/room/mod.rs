@@ -6,6 +6,7 @@
 //! | `office` | 12 x 9 m: lab, workshop, corridor, offices, meeting room, kitchen, store; furnished, no two rooms alike |
 //! | `corridor` | a long corridor with a bend and two niches: little to see along it |
 //! | `maze` | 6 x 6 m of panels, as in the recorded nano quadcopter flights |
+//! | `maze:SEED` | 7 x 7 m of panels, another one for each number |
 //!
 //! A room of your own is a floor plan: [`Room::from_plan`].
 
@@ -14,6 +15,7 @@ mod draw;
 mod facts;
 mod maze;
 mod office;
+mod random_maze;
 
 pub use facts::{Door, DoorFacts, Place, RoomFacts};
 
@@ -26,7 +28,10 @@ use vehicle::{FloorPlan, MapAnchor, MapPose, Segment};
 #[derive(Clone, Debug)]
 pub struct Room {
     name: String,
+    /// What is bumped into and what sound comes back from.
     walls: Walls,
+    /// The same without glass, if there is any: what light comes back from.
+    opaque: Option<Walls>,
     doors: Vec<Door>,
     plan: Arc<FloorPlan>,
 }
@@ -52,6 +57,9 @@ impl Room {
             "office" => Ok(office::draw().finish("office")),
             "corridor" => Ok(corridor::draw().finish("corridor")),
             "maze" => Ok(maze::draw().finish("maze")),
+            other if random_seed(other).is_some() => {
+                Ok(random_maze::draw(random_seed(other).unwrap_or(0)).finish(other))
+            }
             other => Err(RoomError::Unknown(other.to_owned())),
         }
     }
@@ -63,9 +71,58 @@ impl Room {
         Self {
             name: name.to_owned(),
             walls: Walls::new(plan.wall_segments()),
+            opaque: None,
             doors: Vec::new(),
             plan: Arc::new(plan),
         }
+    }
+
+    /// The room with zones on its plan that are not to be flown over, corners in plan metres.
+    #[must_use]
+    pub fn with_no_fly(mut self, zones: &[Vec<[f64; 2]>]) -> Self {
+        Arc::make_mut(&mut self.plan)
+            .no_fly
+            .extend_from_slice(zones);
+        self
+    }
+
+    /// The room with boxes in it that the plan does not show: centre x, y and side, plan metres.
+    #[must_use]
+    pub fn with_boxes(self, boxes: &[[f64; 3]]) -> Self {
+        let mut sides = Vec::with_capacity(4 * boxes.len());
+        for [x, y, side] in boxes {
+            let h = 0.5 * side;
+            let corners = [[-h, -h], [h, -h], [h, h], [-h, h]].map(|[dx, dy]| [x + dx, y + dy]);
+            sides.extend((0..4).map(|k| Segment {
+                a: corners[k],
+                b: corners[(k + 1) % 4],
+            }));
+        }
+        self.with_unmapped(&sides)
+    }
+
+    /// The same room with things in it that its floor plan does not show.
+    #[must_use]
+    pub fn with_unmapped(mut self, obstacles: &[Segment]) -> Self {
+        self.walls = self.walls.with(obstacles);
+        self.opaque = self.opaque.map(|walls| walls.with(obstacles));
+        self
+    }
+
+    /// The same room with panes of glass in it, which its floor plan does not show: light passes, sound and vehicles do not.
+    #[must_use]
+    pub fn with_glass(mut self, panes: &[Segment]) -> Self {
+        let walls = self.walls.with(panes);
+        let clear = core::mem::replace(&mut self.walls, walls);
+        self.opaque.get_or_insert(clear);
+        self
+    }
+
+    /// The same room as another floor plan shows it: what the bridge may know of it.
+    #[must_use]
+    pub fn shown_as(mut self, plan: FloorPlan) -> Self {
+        self.plan = Arc::new(plan);
+        self
     }
 
     /// Its name.
@@ -113,6 +170,15 @@ impl Room {
     pub(crate) const fn walls(&self) -> &Walls {
         &self.walls
     }
+
+    pub(crate) const fn opaque(&self) -> Option<&Walls> {
+        self.opaque.as_ref()
+    }
+}
+
+/// The number of `maze:7`.
+fn random_seed(name: &str) -> Option<u64> {
+    name.strip_prefix("maze:")?.parse().ok()
 }
 
 #[cfg(test)]
@@ -122,7 +188,9 @@ mod tests {
     use vehicle::{In, Map};
 
     fn bundled() -> impl Iterator<Item = Room> {
-        Room::BUNDLED.iter().map(|name| Room::named(name).unwrap())
+        let mazes = (1..=5).map(|seed| format!("maze:{seed}"));
+        let names = Room::BUNDLED.iter().map(|n| (*n).to_owned()).chain(mazes);
+        names.map(|name| Room::named(&name).unwrap())
     }
 
     #[test]
@@ -245,6 +313,22 @@ mod tests {
     }
 
     #[test]
+    fn boxes_that_the_plan_does_not_show_stand_in_the_room() {
+        let maze = Room::named("maze:3").unwrap();
+        let same = Room::named("maze:3").unwrap();
+        assert_eq!(maze.floor_plan(), same.floor_plan());
+        assert_ne!(
+            maze.floor_plan().cells(),
+            Room::named("maze:4").unwrap().floor_plan().cells()
+        );
+        let home = maze.home();
+        let with_box = same.with_boxes(&[[home.x_m + 0.5, home.y_m, 0.2]]);
+        let (d, _) = with_box.walls().nearest([home.x_m, home.y_m], 5.0).unwrap();
+        assert!((d - 0.4).abs() < 1e-9, "{d}");
+        assert_eq!(with_box.floor_plan(), maze.floor_plan());
+    }
+
+    #[test]
     fn a_plan_of_your_own_becomes_walls() {
         let office = Room::named("office").unwrap();
         let copy = Room::from_plan("copy", (**office.floor_plan()).clone());
@@ -252,6 +336,27 @@ mod tests {
         let a = office.walls().nearest([home.x_m, home.y_m], 5.0).unwrap().0;
         let b = copy.walls().nearest([home.x_m, home.y_m], 5.0).unwrap().0;
         assert!((a - b).abs() < 0.06, "{a} {b}");
+    }
+
+    #[test]
+    fn glass_stops_vehicles_and_sound_but_no_light_and_is_on_no_plan() {
+        let office = Room::named("office").unwrap();
+        let home = office.home();
+        let pane = Segment {
+            a: [home.x_m + 0.5, home.y_m - 0.5],
+            b: [home.x_m + 0.5, home.y_m + 0.5],
+        };
+        let room = office.with_glass(&[pane]);
+        let ahead = |walls: &Walls| {
+            let hit = walls.cast([home.x_m, home.y_m], [1.0, 0.0], 10.0);
+            hit.map_or(f64::INFINITY, |h| h.distance_m)
+        };
+        assert!((ahead(room.walls()) - 0.5).abs() < 1e-9);
+        assert!(ahead(room.opaque().unwrap()) > 1.0);
+        assert!(
+            room.floor_plan()
+                .is_free(In::new(home.x_m + 0.5, home.y_m, 0.0))
+        );
     }
 
     fn flood(plan: &FloorPlan, passable: impl Fn(In<Map>) -> bool) -> Vec<bool> {

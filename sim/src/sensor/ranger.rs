@@ -1,6 +1,6 @@
 //! One ranger of the ring: when it fires, where it looks, what it reports.
 
-use super::{View, sonar::Sonar, tof::Tof};
+use super::{View, laser::Laser, sonar::Sonar, tof::Tof};
 use core::time::Duration;
 use vehicle::{Frd, In, RangerConfig, RangerKind, RangerReading, Timestamp};
 
@@ -18,6 +18,7 @@ pub(crate) struct Ranger {
 
 #[derive(Clone, Debug)]
 enum Device {
+    Laser(Laser),
     Tof(Tof),
     Sonar(Sonar),
 }
@@ -26,6 +27,7 @@ impl Ranger {
     /// Number `index` of the ring of vehicle `vehicle`.
     pub(crate) fn new(config: &RangerConfig, index: u8, seed: u64, vehicle: usize) -> Self {
         let device = match config.kind {
+            RangerKind::Laser => Device::Laser(Laser::new(config, index, seed, vehicle)),
             RangerKind::Tof => Device::Tof(Tof::new(config, index, seed, vehicle)),
             RangerKind::Sonar => Device::Sonar(Sonar::new(config, index, seed, vehicle)),
         };
@@ -62,6 +64,7 @@ impl Ranger {
     pub(crate) fn fire(&mut self, now: Timestamp, view: &View<'_>) -> (RangerReading, Duration) {
         let origin = view.point(self.origin);
         let (columns_mm, latency) = match &mut self.device {
+            Device::Laser(laser) => laser.measure(view, origin),
             Device::Tof(tof) => tof.measure(view, origin),
             Device::Sonar(sonar) => sonar.measure(view, origin),
         };

@@ -106,7 +106,7 @@ impl Tof {
     ) -> (ArrayVec<Option<u16>, MAX_COLUMNS>, Duration) {
         let mut columns = ArrayVec::new();
         for ray in &self.rays {
-            let hit = view.cast(origin, ray.direction, LOOK_M);
+            let hit = view.cast_light(origin, ray.direction, LOOK_M);
             let depth_m = hit.map_or(f64::INFINITY, |h| h.distance_m * ray.depth_per_m);
             let read_m = read(&mut self.noise, depth_m, ray.edge);
             columns.push(read_m.and_then(|m| millimetres(m, &self.config)));

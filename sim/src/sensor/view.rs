@@ -45,4 +45,16 @@ impl<'a> View<'a> {
         let direction = self.direction(direction);
         self.world.cast(self.observer, origin, direction, max_m)
     }
+
+    /// The same for light, which passes through glass.
+    pub(crate) fn cast_light(
+        &self,
+        origin: In<Map>,
+        direction: In<Frd>,
+        max_m: f64,
+    ) -> Option<Hit> {
+        let direction = self.direction(direction);
+        self.world
+            .cast_light(self.observer, origin, direction, max_m)
+    }
 }

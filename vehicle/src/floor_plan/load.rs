@@ -1,6 +1,6 @@
 //! Reading and writing ROS map_server files. No file is opened here: the caller brings the bytes.
 
-use super::{Cell, FloorPlan, MAX_PIXELS, PlanError, Room};
+use super::{Cell, Doorway, FloorPlan, MAX_PIXELS, PlanError, Room};
 use crate::MapPose;
 use image::{ImageReader, Limits};
 use std::fmt::Write as _;
@@ -110,6 +110,31 @@ impl FloorPlan {
                 y,
             });
         }
+        for door in extras["doors"].as_vec().into_iter().flatten() {
+            let (Some(name), Some(a), Some(b)) =
+                (door["name"].as_str(), point(&door["a"]), point(&door["b"]))
+            else {
+                return Err(PlanError::Key {
+                    key: "kestrel.doors",
+                    what: "each needs name, a: [x, y], b: [x, y]".to_owned(),
+                });
+            };
+            self.doors.push(Doorway {
+                name: name.to_owned(),
+                a,
+                b,
+            });
+        }
+        for zone in extras["no_fly"].as_vec().into_iter().flatten() {
+            let corners: Option<Vec<_>> = zone
+                .as_vec()
+                .filter(|z| z.len() >= 3)
+                .and_then(|z| z.iter().map(point).collect());
+            self.no_fly.push(corners.ok_or(PlanError::Key {
+                key: "kestrel.no_fly",
+                what: "each zone needs at least three corners [x, y]".to_owned(),
+            })?);
+        }
         Ok(())
     }
 
@@ -132,9 +157,25 @@ impl FloorPlan {
             for r in &self.rooms {
                 let _ = writeln!(
                     out,
-                    "    - {{name: \"{}\", x: {:?}, y: {:?}}}",
+                    "    - {{name: {:?}, x: {:?}, y: {:?}}}",
                     r.name, r.x, r.y
                 );
+            }
+        }
+        if !self.doors.is_empty() {
+            out.push_str("  doors:\n");
+            for d in &self.doors {
+                let _ = writeln!(
+                    out,
+                    "    - {{name: {:?}, a: {:?}, b: {:?}}}",
+                    d.name, d.a, d.b
+                );
+            }
+        }
+        if !self.no_fly.is_empty() {
+            out.push_str("  no_fly:\n");
+            for zone in &self.no_fly {
+                let _ = writeln!(out, "    - {zone:?}");
             }
         }
         out
@@ -156,7 +197,7 @@ impl FloorPlan {
 }
 
 /// Width and 8-bit grey values, rows from the top.
-fn gray_pixels(bytes: &[u8]) -> Result<(usize, Vec<u8>), PlanError> {
+pub(super) fn gray_pixels(bytes: &[u8]) -> Result<(usize, Vec<u8>), PlanError> {
     let broken = |e: &dyn std::fmt::Display| PlanError::Image(e.to_string());
     let reader = || {
         let mut reader = ImageReader::new(Cursor::new(bytes))
@@ -183,6 +224,10 @@ fn number(y: &Yaml) -> Option<f64> {
         _ => None,
     }
     .filter(|v| v.is_finite())
+}
+
+fn point(y: &Yaml) -> Option<[f64; 2]> {
+    numbers(y)?.try_into().ok()
 }
 
 fn numbers(y: &Yaml) -> Option<Vec<f64>> {
@@ -230,6 +275,12 @@ mod tests {
             x: 0.5,
             y: 0.75,
         });
+        plan.doors.push(Doorway {
+            name: "lab \"east\"".to_owned(),
+            a: [0.5, 1.0],
+            b: [1.25, -1e-7],
+        });
+        plan.no_fly.push(vec![[0.0, 0.0], [1.0, 0.5], [0.0, 2.0]]);
         let pgm = plan.to_pgm();
         let read = FloorPlan::from_yaml(&plan.to_yaml("x.pgm"), |_| Ok::<_, String>(pgm)).unwrap();
         assert!((read.north_rad - plan.north_rad).abs() < 1e-12);
@@ -237,6 +288,7 @@ mod tests {
             (read.cells(), &read.rooms, read.home),
             (plan.cells(), &plan.rooms, plan.home)
         );
+        assert_eq!((&read.doors, &read.no_fly), (&plan.doors, &plan.no_fly));
     }
 
     #[test]
@@ -253,6 +305,9 @@ mod tests {
             load("image: a\nresolution: -1\norigin: [0,0,0]", good())
                 .contains("is outside 0.005..=1")
         );
+        let kestrel = |extras: &str| load(&format!("{YAML}kestrel: {extras}"), good());
+        assert!(kestrel("{doors: [{name: a, a: [1, 2]}]}").contains("kestrel.doors"));
+        assert!(kestrel("{no_fly: [[[1, 2], [2, 3]]]}").contains("three corners"));
         assert!(load(YAML, b"not an image".to_vec()).contains("PGM or PNG"));
         assert!(load(YAML, pgm(1, &[0])).contains("no free cell"));
         assert!(load(YAML, b"P5\n100000 100000\n255\n".to_vec()).contains("at most"));

@@ -10,10 +10,17 @@
 //! negate: 0
 //! occupied_thresh: 0.65
 //! free_thresh: 0.196
-//! kestrel: {home: [2.0, 2.0, 0.0], north_deg: 90.0, rooms: [{name: lab, x: 2.0, y: 2.0}]}
+//! kestrel:
+//!   home: [2.0, 2.0, 0.0]
+//!   north_deg: 90.0
+//!   rooms: [{name: lab, x: 2.0, y: 2.0}]
+//!   doors: [{name: lab-corridor, a: [3.6, 4.2], b: [4.5, 4.2]}]
+//!   no_fly: [[[5.0, 0.0], [6.0, 0.0], [6.0, 1.0]]]
 //! ```
 
+pub mod check;
 mod distance;
+pub mod drawing;
 mod load;
 mod outline;
 
@@ -64,6 +71,17 @@ pub struct Room {
     pub y: f64,
 }
 
+/// A named opening in a wall.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Doorway {
+    /// Its name.
+    pub name: String,
+    /// One jamb, plan metres.
+    pub a: [f64; 2],
+    /// The other jamb, plan metres.
+    pub b: [f64; 2],
+}
+
 /// An occupancy grid with its place in the world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FloorPlan {
@@ -78,6 +96,10 @@ pub struct FloorPlan {
     pub north_rad: f64,
     /// Named rooms.
     pub rooms: Vec<Room>,
+    /// Named doors.
+    pub doors: Vec<Doorway>,
+    /// Polygons that are not flown over, corners in plan metres.
+    pub no_fly: Vec<Vec<[f64; 2]>>,
 }
 
 /// Why a floor plan cannot be used.
@@ -162,6 +184,8 @@ impl FloorPlan {
             home: None,
             north_rad: FRAC_PI_2,
             rooms: Vec::new(),
+            doors: Vec::new(),
+            no_fly: Vec::new(),
         })
     }
 

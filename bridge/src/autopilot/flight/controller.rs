@@ -58,6 +58,7 @@ impl Flight {
                     received_us,
                 } => {
                     let received = Timestamp::from_us(received_us);
+                    self.bench_answered(now, reply.command(), true);
                     self.reply(received, sampled_at(sent_us, received), &reply);
                 }
                 Said::Lost { noise_bytes, .. } => self.lose_controller(noise_bytes > 0),
@@ -69,6 +70,9 @@ impl Flight {
                     service_hz: service_rate_hz.round() as u16,
                     has_cli_line: cli_line.is_some(),
                 }))),
+                Said::Refused { command } | Said::Unanswered { command } => {
+                    self.bench_answered(now, command, false);
+                }
                 Said::Restarted => {
                     self.emit(Output::Event(Event::Notice(Notice::FcRestarted)));
                 }
@@ -76,11 +80,7 @@ impl Flight {
                     self.link.is_stalled = true;
                     self.emit(Output::Event(Event::Notice(Notice::FcStalled)));
                 }
-                Said::Changed(_)
-                | Said::Recovered { .. }
-                | Said::Refused { .. }
-                | Said::Unanswered { .. }
-                | Said::Malformed(_) => {}
+                Said::Changed(_) | Said::Recovered { .. } | Said::Malformed(_) => {}
             }
         }
         let replies = self.client.statistics().replies;
@@ -107,7 +107,7 @@ impl Flight {
             unknown_firmware: matches!(identity.firmware, Firmware::Other(_)).then_some(variant),
             ..Link::default()
         };
-        let schedule = poll::schedule(identity, self.handover.has_radio());
+        let schedule = poll::schedule(identity, &self.settings.autopilot);
         self.client.set_schedule(now.us(), &schedule);
         // What it said before it was away is worth nothing.
         self.fc_arm = FcArmState::default();
@@ -170,6 +170,24 @@ impl Flight {
             Reply::InavAnalog(a) => {
                 self.fc.rssi = Some(convert.rssi(a.rssi));
                 self.snapshot.battery = Some(convert.battery_of_inav(sampled, a));
+            }
+            Reply::SonarAltitude(s) => {
+                let cos_tilt = self.estimator.navigation().state().cos_tilt();
+                let sample = convert.down_range(sampled, s, cos_tilt);
+                self.down_range(&sample);
+            }
+            Reply::InavOpticalFlow(f) => {
+                let sample = convert.flow(sampled, f);
+                self.flow(&sample);
+            }
+            Reply::RawGps(g) => {
+                let Some(identity) = self.client.identity() else {
+                    return;
+                };
+                let raw = convert.gps(identity.firmware, g);
+                if let Ok(fix) = self.gnss_start.relative(sampled, &raw) {
+                    self.gnss(&fix);
+                }
             }
             Reply::Rc(rc) => {
                 if let Some(sticks) = rc_out::sticks_of_rc(&rc.channels_us) {

@@ -2,6 +2,7 @@
 
 use super::{Air, Arming, Event, Flight, Notice, Output};
 use crate::autopilot::arming::{Asker, Change};
+use crate::autopilot::bench_work::{Effect, Effects};
 use crate::autopilot::door::{Answer, Asked, Key, Outcome, Refusal, Request};
 use crate::autopilot::handover::Steering;
 use crate::autopilot::health::{self, Checks};
@@ -105,6 +106,9 @@ impl Flight {
         if self.arming.is_under_way() {
             return Err(Refusal::ArmingUnderWay);
         }
+        if self.bench_work.is_busy() {
+            return Err(Refusal::BenchBusy);
+        }
         let checks = Checks {
             may_wait: true,
             ..self.checks(now)
@@ -144,7 +148,7 @@ impl Flight {
             may_wait: false,
             fc: &self.fc_arm,
             nav,
-            facts: self.facts(now, 0.0, nav),
+            facts: self.facts(now, 0.0, None, nav),
             is_shutting_down: self.shutting_down,
         }
     }
@@ -170,7 +174,17 @@ impl Flight {
                     .map(|_| Outcome::Accepted)
                     .map_err(|_| Refusal::BadNumber)
             }
+            Request::Calibrate(_)
+            | Request::EndBenchWork
+            | Request::TurnMotor(_)
+            | Request::RestartFc => match self.ask_bench(now, asked) {
+                Ok(Some(outcome)) => Ok(outcome),
+                Ok(None) => return, // Answered when the controller has answered.
+                Err(why) => Err(why),
+            },
             Request::SetHome(place) => self.set_home(&nav, *place),
+            Request::Sensed(sample) => return self.sensed(sample),
+            Request::Inject(_) => Err(Refusal::NotSimulated),
             Request::GroundHeartbeat => {
                 self.ground_heard = Some(now);
                 Ok(Outcome::Accepted)
@@ -199,6 +213,72 @@ impl Flight {
         }));
     }
 
+    // ---- bench -------------------------------------------------------------------------------------------------
+
+    /// None if the answer follows the controller's.
+    fn ask_bench(&mut self, now: Timestamp, asked: &Asked) -> Result<Option<Outcome>, Refusal> {
+        if asked.request == Request::EndBenchWork {
+            let effects = self.bench_work.stop(now);
+            self.carry_out(effects);
+            return Ok(Some(Outcome::Accepted));
+        }
+        if self.air != Air::Ground {
+            return Err(Refusal::Flying);
+        }
+        if self.arming != Arming::Neutral || self.fc_arm.is_armed {
+            return Err(Refusal::Armed);
+        }
+        if !self.fc.is_connected {
+            return Err(Refusal::FcSilent);
+        }
+        if let Some(variant) = self.link.unknown_firmware {
+            return Err(Refusal::FcUnknown { variant });
+        }
+        let asker = Some((asked.id, asked.station));
+        let (effects, outcome) = match &asked.request {
+            Request::Calibrate(sensor) => (self.bench_work.calibrate(now, *sensor, asker)?, None),
+            Request::RestartFc => (self.bench_work.restart(now, asker)?, None),
+            Request::TurnMotor(_) if !self.settings.autopilot.motor_test => {
+                return Err(Refusal::MotorTestOff);
+            }
+            Request::TurnMotor(turn) => (self.bench_work.turn(now, turn)?, Some(Outcome::Accepted)),
+            _ => return Err(Refusal::Unsupported),
+        };
+        self.carry_out(effects);
+        Ok(outcome)
+    }
+
+    pub(super) fn bench_answered(&mut self, now: Timestamp, number: u16, is_done: bool) {
+        if self.bench_work.is_busy() {
+            let effects = self.bench_work.answered(now, number, is_done);
+            self.carry_out(effects);
+        }
+    }
+
+    pub(super) fn bench_step(&mut self, now: Timestamp) {
+        if self.bench_work.is_busy() {
+            let is_armed = self.arming.is_armed() || self.fc_arm.is_armed;
+            let effects = self
+                .bench_work
+                .step(now, &self.fc_arm, self.fc.is_connected, is_armed);
+            self.carry_out(effects);
+        }
+    }
+
+    fn carry_out(&mut self, effects: Effects) {
+        for effect in effects {
+            match effect {
+                Effect::Answer(asker, outcome) => self.answer_arming(asker, outcome),
+                // A full queue is no loss: an order without an answer is given up, a stop is ordered again.
+                Effect::Msp(number, payload) => drop(self.client.request(number, &payload)),
+                Effect::Tell(sensor, progress) => {
+                    let notice = Notice::Calibration { sensor, progress };
+                    self.emit(Output::Event(Event::Notice(notice)));
+                }
+            }
+        }
+    }
+
     fn shut_down(&mut self, now: Timestamp, nav: &NavState) -> Result<Outcome, Refusal> {
         if self.handover.pilot_steers() {
             return Ok(Outcome::Accepted);
@@ -221,12 +301,16 @@ impl Flight {
             Request::SetMode(_)
             | Request::Takeoff { .. }
             | Request::GoTo(_)
+            | Request::Figure(_)
             | Request::StartMission { .. }
                 if self.handover.steering() == Steering::Offered =>
             {
                 Ok(true)
             }
-            Request::SetPlan(_) | Request::SetMissionItem(_) | Request::ChangeSpeed(_) => Ok(false),
+            Request::SetPlan(_)
+            | Request::SetSite(_)
+            | Request::SetMissionItem(_)
+            | Request::ChangeSpeed(_) => Ok(false),
             _ => Err(Refusal::PilotSteers),
         }
     }
@@ -240,6 +324,7 @@ impl Flight {
         };
         self.home = home;
         self.home_yaw_rad = nav.yaw_rad();
+        self.navigator.set_home(home);
         self.emit(Output::Event(Event::HomeSet));
         Ok(Outcome::Accepted)
     }

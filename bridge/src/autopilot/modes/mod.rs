@@ -5,6 +5,7 @@
 
 pub mod climb;
 pub mod descent;
+pub mod figure;
 pub mod hold;
 pub mod homeward;
 pub mod keys;
@@ -115,6 +116,7 @@ pub const fn refusal_of(e: &RouteError) -> Refusal {
     match e {
         RouteError::NoWay => Refusal::NoRoute,
         RouteError::NotFinite => Refusal::BadNumber,
+        RouteError::OutsideFence { .. } => Refusal::OutsideFence,
         _ => Refusal::PlaceBlocked,
     }
 }

@@ -51,7 +51,11 @@ impl OffboardSetpoint {
                     .chain([yaw_rad, yaw_rate_radps])
                     .flatten()
                     .all(|v| v.is_finite())
-                    && position.iter().chain(velocity).any(Option::is_some)
+                    && position
+                        .iter()
+                        .chain(velocity)
+                        .chain([yaw_rad, yaw_rate_radps])
+                        .any(Option::is_some)
             }
             Self::Attitude {
                 roll_rad,
@@ -151,7 +155,19 @@ impl Offboard {
             OffboardFrame::Local => z,
             OffboardFrame::LocalOffset | OffboardFrame::Body => origin.z() + z,
         });
-        if let (Some(x), Some(y)) = (position[0], position[1]) {
+        // An axis that nothing is said about stays where it was; nothing but a heading: turn on the spot.
+        let place = match (position[0], position[1], velocity[0], velocity[1]) {
+            (None, None, None, None) if velocity[2].is_none() => Some((None, None)),
+            (None, None, ..) => None,
+            (x, y, ..) => Some((x, y)),
+        };
+        if let Some((x, y)) = place {
+            let (x, y) = match frame {
+                OffboardFrame::Local => (x.unwrap_or(origin.x()), y.unwrap_or(origin.y())),
+                OffboardFrame::LocalOffset | OffboardFrame::Body => {
+                    (x.unwrap_or(0.0), y.unwrap_or(0.0))
+                }
+            };
             let (x, y) = match frame {
                 OffboardFrame::Local => (x, y),
                 OffboardFrame::LocalOffset => (origin.x() + x, origin.y() + y),
@@ -160,8 +176,25 @@ impl Offboard {
                     (origin.x() + dx, origin.y() + dy)
                 }
             };
-            let down_m = c.clamped_down_m(target_down_m.unwrap_or_else(|| c.nav.position.z()));
-            return self.go(c, In::new(x, y, down_m), heading);
+            let down_m = c.clamped_down_m(target_down_m.unwrap_or_else(|| origin.z()));
+            let setpoint = self.go(c, In::new(x, y, down_m), heading);
+            // The navigator knows headings, not rates.
+            return match (heading, setpoint) {
+                (Heading::Rate(_), Setpoint::Hover { position, .. }) => {
+                    Setpoint::Hover { position, heading }
+                }
+                (
+                    Heading::Rate(_),
+                    Setpoint::Velocity {
+                        velocity, down_m, ..
+                    },
+                ) => Setpoint::Velocity {
+                    velocity,
+                    down_m,
+                    heading,
+                },
+                (_, setpoint) => setpoint,
+            };
         }
         self.routed_to = None;
         let [vx, vy, vz] = velocity.map(|v| v.unwrap_or(0.0));
@@ -202,6 +235,11 @@ impl Offboard {
             Heading::Yaw(yaw) => Some(yaw),
             Heading::Rate(_) => None,
         };
+        if !c.params.offboard_avoid && c.nav.health.position {
+            // Who has switched avoidance off flies straight, and answers for the way.
+            self.routed_to = None;
+            return Setpoint::Hover { position, heading };
+        }
         let near = (position - c.nav.position).norm_xy() < NEAR_M;
         let moved = self
             .routed_to

@@ -1,4 +1,5 @@
-//! Stick modes: Position (velocity, avoidance brakes), Altitude (tilt, height held), Stabilized (tilt, thrust direct).
+//! Stick modes: Position (velocity), Altitude (tilt, height held), Stabilized (tilt, thrust direct). Avoidance brakes in all of
+//! them: a velocity that leads into something is bent along it, a tilt that would is bent likewise.
 
 use super::{Air, Cockpit, Wish};
 use crate::autopilot::door::ManualInput;
@@ -16,6 +17,9 @@ const MAX_CLIMB_MPS: f64 = 0.6;
 const MAX_YAW_RATE_RADPS: f64 = 1.2;
 /// Full stick in Altitude and Stabilized, rad.
 const MAX_TILT_RAD: f64 = 0.26;
+/// Steepest tilt to brake before an obstacle, rad.
+const MAX_BRAKE_RAD: f64 = 0.35;
+const GRAVITY_MPS2: f64 = 9.806_65;
 /// Throttle stick above which a vehicle on the floor takes off, below which one near the floor lands.
 const TAKE_OFF_ABOVE: f64 = 0.6;
 const LAND_BELOW: f64 = 0.1;
@@ -53,7 +57,8 @@ impl SticksMode {
         let heading = self.heading(c, yaw);
         if mode == Mode::Stabilized {
             let lift = Lift::Thrust(throttle);
-            return airborne(c, tilted(forward, right, heading, lift));
+            let setpoint = tilted(c, forward, right, heading, lift);
+            return airborne(c, setpoint);
         }
         if c.air == Air::Flying && throttle < LAND_BELOW && c.nav.height_m < LAND_HEIGHT_M {
             return Wish::Switch(Mode::Land, Because::Asked);
@@ -62,7 +67,8 @@ impl SticksMode {
         let down_m = self.height(c, climb);
         if mode == Mode::Altitude || !c.nav.health.position {
             let lift = down_m.map_or(Lift::Climb(-climb), Lift::Height);
-            return airborne(c, tilted(forward, right, heading, lift));
+            let setpoint = tilted(c, forward, right, heading, lift);
+            return airborne(c, setpoint);
         }
         let setpoint = self.position(c, forward, right, climb, down_m, heading);
         airborne(c, setpoint)
@@ -150,14 +156,39 @@ fn airborne(c: &Cockpit<'_>, setpoint: Setpoint) -> Wish {
     }
 }
 
-/// Forward stick leans the nose down.
-fn tilted(forward: f64, right: f64, heading: Heading, lift: Lift) -> Setpoint {
+/// Forward stick leans the nose down; what would lead into an obstacle is taken away.
+fn tilted(c: &mut Cockpit<'_>, forward: f64, right: f64, heading: Heading, lift: Lift) -> Setpoint {
+    let (roll_rad, pitch_rad) = (right * MAX_TILT_RAD, -forward * MAX_TILT_RAD);
+    let (roll_rad, pitch_rad) = if c.air == Air::Flying {
+        protected(c, roll_rad, pitch_rad)
+    } else {
+        (roll_rad, pitch_rad)
+    };
     Setpoint::Attitude {
-        roll_rad: right * MAX_TILT_RAD,
-        pitch_rad: -forward * MAX_TILT_RAD,
+        roll_rad,
+        pitch_rad,
         heading,
         lift,
     }
+}
+
+/// Tilt as acceleration over ground, through avoidance, and back.
+fn protected(c: &mut Cockpit<'_>, roll_rad: f64, pitch_rad: f64) -> (f64, f64) {
+    let ahead = -GRAVITY_MPS2 * libm::tan(pitch_rad);
+    let right = GRAVITY_MPS2 * libm::tan(roll_rad);
+    let (s, k) = libm::sincos(c.nav.yaw_rad());
+    let asked = In::new(ahead * k - right * s, ahead * s + right * k, 0.0);
+    let most = GRAVITY_MPS2 * libm::tan(MAX_BRAKE_RAD);
+    let allowed = c.navigator.protect_acceleration(c.now, c.nav, asked, most);
+    if allowed == asked {
+        return (roll_rad, pitch_rad);
+    }
+    let ahead = allowed.x() * k + allowed.y() * s;
+    let right = allowed.y() * k - allowed.x() * s;
+    (
+        libm::atan2(right, GRAVITY_MPS2),
+        -libm::atan2(ahead, GRAVITY_MPS2),
+    )
 }
 
 fn with_dead_zone(v: f64) -> f64 {

@@ -38,3 +38,9 @@ pub(crate) fn run(args: EvalArgs) -> Result<ExitCode> {
         What::Uquad(args) => uquad::run(&args),
     }
 }
+
+/// Frames of a recorded log of uQuad's inertial unit, and the rows that are none.
+pub(crate) fn uquad_frames(text: &str) -> (Vec<estimator::imu::RawFrame>, Vec<String>) {
+    let (rows, refused) = uquad::read_rows(text);
+    (rows.iter().map(|row| row.frame).collect(), refused)
+}

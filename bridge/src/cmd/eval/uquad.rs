@@ -4,22 +4,24 @@ mod report;
 
 use super::super::Usage;
 use super::super::term::{Terminal, complain};
+use super::super::uquad::{Order, States};
 use super::progress::Progress;
 use anyhow::{Context as _, Result, bail};
 use bridge::io::clock::Clock;
+use bridge::sensor::gps::fake::Fake;
+use bridge::sensor::gps::log as gps_log;
 use bridge::uquad::{Said, Start, Step, Uquad, UquadConfig, speed_range};
 use clap::{Args, ValueEnum};
-use control::integral::{
-    COLUMNS_OF_PPTZ, COLUMNS_OF_PPZT, COLUMNS_OF_XYZT, Columns, IntegralAction,
-};
+use control::integral::IntegralAction;
 use control::proportional::Gains;
 use estimator::imu::fir::Fir;
 use estimator::imu::replay::{LogRow, Replay, Speed};
 use estimator::imu::{Calibration, RawFrame, Smoothing, ascii};
 use estimator::thesis::StateSet;
+use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use vehicle::Timestamp;
+use vehicle::{GnssFix, Timestamp};
 
 /// Complaints of one kind that are printed; the rest is counted.
 const SHOWN: usize = 5;
@@ -77,9 +79,32 @@ pub(crate) struct UquadArgs {
     /// Mass, kg.
     #[arg(long, value_name = "KG", conflicts_with = "legacy")]
     mass: Option<f64>,
+    /// Moments of inertia about x and y, and about z, kg m2.
+    #[arg(
+        long,
+        value_name = "XY,Z",
+        value_delimiter = ',',
+        num_args = 1,
+        conflicts_with = "legacy"
+    )]
+    inertia: Vec<f64>,
     /// Estimated states.
     #[arg(long, value_name = "N", conflicts_with = "legacy")]
     states: Option<States>,
+    /// Position fixes: off, zeros, random (once a second), or a GPS log, replayed by its own time.
+    #[arg(
+        long,
+        value_name = "SOURCE",
+        default_value = "off",
+        conflicts_with = "legacy"
+    )]
+    gps: String,
+    /// Frames for each action of the control law.
+    #[arg(long, value_name = "N", conflicts_with = "legacy")]
+    frames_per_action: Option<u32>,
+    /// Write these logs only: kalman_in, x_hat, w (summary.json always).
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    logs: Vec<Log>,
     /// No accelerometer biases.
     #[arg(long, conflicts_with = "legacy")]
     no_bias: bool,
@@ -108,35 +133,64 @@ pub(crate) struct UquadArgs {
     quiet: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum States {
-    #[value(name = "8")]
-    Eight,
-    #[value(name = "12")]
-    Twelve,
+/// A log of the run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Log {
+    /// Converted readings.
+    #[value(name = "kalman_in")]
+    KalmanIn,
+    /// The estimate.
+    #[value(name = "x_hat")]
+    XHat,
+    /// Motor speeds.
+    #[value(name = "w")]
+    W,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Order {
-    /// z, psi, phi, theta: the file K_int_full_pptz.
-    Zppt,
-    /// psi, phi, z, theta: the file K_int_full_ppzt.
-    Ppzt,
-    /// x, y, z, theta: the older files.
-    Xyzt,
-}
-
-impl Order {
-    const fn columns(self) -> Columns {
+impl Log {
+    const fn file(self) -> &'static str {
         match self {
-            Self::Zppt => COLUMNS_OF_PPTZ,
-            Self::Ppzt => COLUMNS_OF_PPZT,
-            Self::Xyzt => COLUMNS_OF_XYZT,
+            Self::KalmanIn => "kalman_in.csv",
+            Self::XHat => "x_hat.csv",
+            Self::W => "w.csv",
+        }
+    }
+}
+
+/// Where position fixes come from.
+enum Gps {
+    Off,
+    Fake(Fake),
+    Log(gps_log::Log),
+}
+
+impl Gps {
+    fn poll(&mut self, now: Timestamp) -> Option<GnssFix> {
+        match self {
+            Self::Off => None,
+            Self::Fake(fake) => fake.poll(now),
+            Self::Log(log) => log.poll(now),
         }
     }
 }
 
 impl UquadArgs {
+    fn gps(&self) -> Result<Gps> {
+        let source = match self.gps.as_str() {
+            "off" => return Ok(Gps::Off),
+            "zeros" => Gps::Fake(Fake::new(false, 1)),
+            "random" => Gps::Fake(Fake::new(true, 1)),
+            path => Gps::Log(gps_log::Log::from_text(&read(Path::new(path), "GPS log")?)?),
+        };
+        if matches!(self.states, Some(States::Eight)) {
+            bail!(Usage(format!(
+                "--gps {} and --states 8: a fix is a horizontal position, which 8 states do not have; estimate 12 or leave --gps off",
+                self.gps
+            )));
+        }
+        Ok(source)
+    }
+
     fn config(&self) -> Result<UquadConfig> {
         if self.legacy {
             let mut config = UquadConfig::march_2012();
@@ -166,6 +220,14 @@ impl UquadArgs {
         }
         let filter = &mut config.filter;
         filter.craft.mass_kg = self.mass.unwrap_or(filter.craft.mass_kg);
+        if let [xy, z] = self.inertia[..] {
+            // False for NaN.
+            if !(xy > 0.0 && z > 0.0 && xy < 10.0 && z < 10.0) {
+                bail!(Usage(format!("--inertia {xy},{z}: both within 0-10 kg m2")));
+            }
+            (filter.craft.inertia_xy, filter.craft.inertia_z) = (xy, z);
+        }
+        config.steps_per_action = self.frames_per_action.unwrap_or(1);
         filter.has_bias = !self.no_bias;
         filter.noise.is_dynamic = !self.static_covariance;
         if matches!(self.states, Some(States::Eight)) {
@@ -203,6 +265,7 @@ struct Outcome {
 
 pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
     let config = args.config()?;
+    let gps = args.gps()?;
     let calibration = Calibration::parse(&read(&args.calib, "calibration")?)
         .with_context(|| format!("cannot use the calibration {}", args.calib.display()))?;
     let (rows, refused_rows) = read_rows(&read(&args.raw, "log")?);
@@ -230,7 +293,7 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
         );
     }
     let uquad = Uquad::new(calibration, config).map_err(|e| Usage(e.to_string()))?;
-    let outcome = replay(args, uquad, frames, refused_rows);
+    let outcome = replay(args, uquad, gps, frames, refused_rows);
     for (row, said) in outcome.said.iter().take(SHOWN) {
         terminal.line(&format!("row {row}: {said}"));
     }
@@ -261,7 +324,7 @@ pub(crate) fn run(args: &UquadArgs) -> Result<ExitCode> {
 
 /// Rows of a log in either format, and the lines that are none with their reasons. Text frames of the board carry no host
 /// time: theirs is the board's.
-fn read_rows(text: &str) -> (Vec<LogRow>, Vec<String>) {
+pub(super) fn read_rows(text: &str) -> (Vec<LogRow>, Vec<String>) {
     let mut rows = Vec::new();
     let mut board_us = 0;
     let mut refused = Vec::new();
@@ -301,6 +364,7 @@ fn read_rows(text: &str) -> (Vec<LogRow>, Vec<String>) {
 fn replay(
     args: &UquadArgs,
     mut uquad: Uquad,
+    mut gps: Gps,
     frames: Vec<RawFrame>,
     refused_rows: Vec<String>,
 ) -> Outcome {
@@ -325,6 +389,10 @@ fn replay(
         }
         while let Some((at, frame)) = replay.poll(clock.now()) {
             let (done, all) = replay.progress();
+            if let Some(fix) = gps.poll(at) {
+                let [north, east, down] = fix.position.into();
+                uquad.fix(Vector3::new(east, north, -down));
+            }
             let said = &mut outcome.said;
             let step = uquad.frame(at, frame, &mut |s| said.push((done - 1, s)));
             outcome.steps.extend(step);

@@ -2,12 +2,16 @@
 //!
 //! Stations fill parameters they do not use with NaN, 0 or -1; all three read as "not given" where a command allows it.
 
+use super::super::access::Role;
 use super::super::convert::{GeoPoint, mode_from_px4, mode_from_standard};
 use super::super::params::Identity;
 use super::super::place::Place;
 use super::super::{Context, Destination, Outbox, Peer, keys, origin};
 use super::Streams;
-use crate::autopilot::door::{GoTo, Request, Severity};
+use crate::autopilot::door::{
+    Failure, FailureKind, FailureUnit, FigureNose, FigureRequest, GoTo, MotorTurn, Request, Sensor,
+    Severity,
+};
 use crate::autopilot::mode::Mode;
 use mavlink_dialect::command::{self, Command, cmd, result};
 use mavlink_dialect::mission_item::{Frame, Point};
@@ -69,6 +73,8 @@ pub(super) fn verdict(
         cmd::NAV_RETURN_TO_LAUNCH => Ask(Request::SetMode(Mode::Return)),
         cmd::NAV_LOITER_UNLIM => Ask(Request::Stop),
         cmd::DO_REPOSITION => reposition(c, ctx),
+        cmd::DO_ORBIT => orbit(c, ctx),
+        cmd::DO_FIGURE_EIGHT => figure_eight(c, ctx),
         cmd::MISSION_START => match c.param(1).unwrap_or(0.0).max(0.0) {
             first if first <= 65_535.0 => Ask(Request::StartMission {
                 first: first.round() as u16,
@@ -85,7 +91,7 @@ pub(super) fn verdict(
             _ => denied("there is no such item"),
         },
         cmd::DO_CHANGE_SPEED => change_speed(c, ctx),
-        cmd::DO_SET_MODE => set_mode(c),
+        cmd::DO_SET_MODE => set_mode(c, ctx),
         cmd::DO_SET_STANDARD_MODE => {
             match c
                 .whole(1)
@@ -141,10 +147,10 @@ pub(super) fn verdict(
                 && [c.point.x, c.point.y].iter().all(|v| v.unwrap_or(0) == 0)
                 && c.point.z_m.unwrap_or(0.0) == 0.0;
             if is_nothing {
-                // "Cancel": none is running.
-                Done(result::ACCEPTED)
+                // "Cancel".
+                Ask(Request::EndBenchWork)
             } else {
-                unsupported("sensors are calibrated with the flight controller's own configurator")
+                calibration(c)
             }
         }
         cmd::RUN_PREARM_CHECKS if snapshot.is_armed => Done(result::TEMPORARILY_REJECTED),
@@ -159,13 +165,16 @@ pub(super) fn verdict(
             match (c.whole(1).unwrap_or(0), c.whole(2).unwrap_or(0)) {
                 (0, 0) => Done(result::ACCEPTED),
                 _ if snapshot.is_armed => denied("disarm first"),
-                _ => unsupported("restart the service on the companion computer"),
+                // The companion computer stays: nobody would start this program again.
+                (1, 0 | 1) => Ask(Request::RestartFc),
+                (0, 1) => unsupported("restart the service on the companion computer"),
+                _ => unsupported("it is switched off with its battery"),
             }
         }
         cmd::DO_MOTOR_TEST | cmd::ACTUATOR_TEST if snapshot.is_armed => denied("disarm first"),
-        cmd::DO_MOTOR_TEST | cmd::ACTUATOR_TEST => {
-            unsupported("motors are tested with the flight controller's own configurator")
-        }
+        cmd::DO_MOTOR_TEST => motor_test(c),
+        cmd::ACTUATOR_TEST => actuator_test(c),
+        cmd::INJECT_FAILURE => inject_failure(c),
         cmd::USER_1 => match c
             .whole(1)
             .and_then(|code| u8::try_from(code).ok())
@@ -175,6 +184,97 @@ pub(super) fn verdict(
             None => denied("no key has this code"),
         },
         _ => Done(result::UNSUPPORTED),
+    }
+}
+
+fn calibration(c: &Command) -> Verdict {
+    let [gyro, mag, pressure, _] = [1, 2, 3, 4].map(|n| c.whole(n).unwrap_or(0));
+    // Parameter 5, which COMMAND_LONG reads as degrees: 1 = accelerometer, 2 = level, 4 = simple accelerometer.
+    let accel = match c.point.x.map(f64::from) {
+        Some(e7) if c.is_int => e7,
+        Some(e7) => libm::round(e7 * 1e-7),
+        None => 0.0,
+    };
+    match (gyro, mag, pressure, accel as i32) {
+        (1, 0, 0, 0) => Ask(Request::Calibrate(Sensor::Gyroscope)),
+        (0, 0, 0, 1 | 4) => Ask(Request::Calibrate(Sensor::Accelerometer)),
+        (0, 0, 0, 2) => Ask(Request::Calibrate(Sensor::Level)),
+        (0, 1, 0, 0) => unsupported("no compass is used: nothing to calibrate"),
+        (0, 0, 1, 0) => unsupported("the flight controller sets its barometer by itself"),
+        _ => unsupported("calibrate one at a time: gyroscope, accelerometer, level"),
+    }
+}
+
+/// Parameters: FAILURE_UNIT, FAILURE_TYPE, instance.
+fn inject_failure(c: &Command) -> Verdict {
+    let unit = match c.whole(1) {
+        Some(5) => FailureUnit::Flow,
+        Some(7) => FailureUnit::Distance,
+        Some(100) => FailureUnit::Battery,
+        Some(101) => FailureUnit::Motor,
+        Some(102) => FailureUnit::Controller,
+        _ => {
+            return unsupported(
+                "flow, distance sensors, battery, motors, controller (102) can fail",
+            );
+        }
+    };
+    let kind = match c.whole(2) {
+        Some(0) => FailureKind::Ok,
+        Some(1) => FailureKind::Off,
+        Some(2) => FailureKind::Stuck,
+        Some(4) => FailureKind::Wrong,
+        Some(7) => FailureKind::Intermittent,
+        _ => return unsupported("it can be ok, off, stuck, wrong, intermittent"),
+    };
+    match u8::try_from(c.whole(3).unwrap_or(0)) {
+        Ok(instance) => Ask(Request::Inject(Failure {
+            unit,
+            kind,
+            instance,
+        })),
+        Err(_) => denied("there is no such instance"),
+    }
+}
+
+/// Parameters: motor from 1, kind of throttle (0 percent, 1 us), throttle, seconds, motors in turn (0 and 1 = one).
+fn motor_test(c: &Command) -> Verdict {
+    let count = c.point.x.map_or(0.0, |e7| f64::from(e7) * 1e-7);
+    if count > 1.5 {
+        return unsupported("one motor at a time");
+    }
+    let motor = c.whole(1).and_then(|m| u8::try_from(m).ok());
+    let value = f64::from(c.param(3).unwrap_or(0.0));
+    let percent = match c.whole(2).unwrap_or(0) {
+        0 => value,
+        1 => (value - 1000.0) / 10.0,
+        _ => return unsupported("throttle in percent (0) or us (1) only"),
+    };
+    match motor {
+        Some(motor @ 1..) => Ask(Request::TurnMotor(MotorTurn {
+            motor: Some(motor),
+            percent,
+            time_s: f64::from(c.param(4).unwrap_or(0.0)),
+        })),
+        _ => denied("motors count from 1"),
+    }
+}
+
+/// Parameters: value 0..=1 (NaN = let go), seconds, and as the fifth the function (1 = motor 1 ...).
+fn actuator_test(c: &Command) -> Verdict {
+    let function = match c.point.x.map(f64::from) {
+        Some(e7) if c.is_int => e7,
+        Some(e7) => libm::round(e7 * 1e-7),
+        None => 0.0,
+    };
+    match (c.param(1), function) {
+        (None, _) => Ask(Request::EndBenchWork),
+        (Some(v), f) if (0.5..8.5).contains(&f) => Ask(Request::TurnMotor(MotorTurn {
+            motor: Some(f as u8),
+            percent: 100.0 * f64::from(v),
+            time_s: f64::from(c.param(2).unwrap_or(0.0)),
+        })),
+        _ => unsupported("there are motors 1 to 8 only"),
     }
 }
 
@@ -258,6 +358,65 @@ fn reposition(c: &Command, ctx: &Context<'_>) -> Verdict {
     }))
 }
 
+/// Radius of an orbit that names none, m.
+const ORBIT_RADIUS_M: f32 = 1.0;
+
+/// Radius (negative: counter-clockwise), speed, ORBIT_YAW_BEHAVIOUR, angle in rad (0 or none: for ever), centre.
+fn orbit(c: &Command, ctx: &Context<'_>) -> Verdict {
+    let Some(place) = Place::from_point(&c.point, ctx) else {
+        return Done(result::UNSUPPORTED_MAV_FRAME);
+    };
+    if let Some(n) = c.point.invalid_param() {
+        return denied(format!("parameter {n} cannot be used"));
+    }
+    let radius_m = f64::from(c.param(1).unwrap_or(ORBIT_RADIUS_M));
+    let nose = match c.whole(3) {
+        None | Some(0) => FigureNose::Centre,
+        Some(1 | 2 | 5) => FigureNose::Initial,
+        Some(3) => FigureNose::Tangent,
+        Some(_) => return unsupported("this yaw behaviour of an orbit is not flown"),
+    };
+    let rounds = c
+        .param(4)
+        .map(|rad| f64::from(rad) / core::f64::consts::TAU)
+        .filter(|rounds| *rounds != 0.0);
+    Ask(Request::Figure(FigureRequest {
+        north_m: place.north_m,
+        east_m: place.east_m,
+        down_m: place.down_m,
+        radius_m: radius_m.abs(),
+        is_clockwise: radius_m > 0.0,
+        speed_mps: c.param(2).map(f64::from).filter(|v| *v > 0.0),
+        rounds,
+        nose,
+        ..FigureRequest::default()
+    }))
+}
+
+/// Long radius (negative: the end in the direction of the axis counter-clockwise), short radius, -, direction of the axis in rad, centre.
+fn figure_eight(c: &Command, ctx: &Context<'_>) -> Verdict {
+    let Some(place) = Place::from_point(&c.point, ctx) else {
+        return Done(result::UNSUPPORTED_MAV_FRAME);
+    };
+    if let Some(n) = c.point.invalid_param() {
+        return denied(format!("parameter {n} cannot be used"));
+    }
+    let (Some(major_m), Some(minor_m)) = (c.param(1), c.param(2)) else {
+        return denied("parameters 1 and 2 must be the two radii");
+    };
+    Ask(Request::Figure(FigureRequest {
+        north_m: place.north_m,
+        east_m: place.east_m,
+        down_m: place.down_m,
+        radius_m: f64::from(major_m).abs(),
+        minor_m: Some(f64::from(minor_m).abs()),
+        axis_rad: f64::from(c.param(4).unwrap_or(0.0)),
+        is_clockwise: major_m > 0.0,
+        nose: FigureNose::Tangent,
+        ..FigureRequest::default()
+    }))
+}
+
 fn change_speed(c: &Command, ctx: &Context<'_>) -> Verdict {
     let fastest = ctx.settings.control.xy_vel_max;
     match c.param(2).map(f64::from) {
@@ -272,7 +431,17 @@ fn change_speed(c: &Command, ctx: &Context<'_>) -> Verdict {
 }
 
 /// (a) main and sub mode in parameters 2 and 3; (b) `custom_mode` packed into parameter 2. Arming bits are ignored.
-fn set_mode(c: &Command) -> Verdict {
+fn set_mode(c: &Command, ctx: &Context<'_>) -> Verdict {
+    match mode_of(c) {
+        // A viewer's Hold is STOP: the second one lands.
+        Some(Mode::Hold) if ctx.role < Role::Pilot => Ask(Request::Stop),
+        Some(mode) => Ask(mode_request(mode)),
+        None => unsupported("this mode is not flown"),
+    }
+}
+
+/// The mode that DO_SET_MODE names; none if it is not flown.
+pub(in super::super) fn mode_of(c: &Command) -> Option<Mode> {
     let is_custom = c
         .whole(1)
         .is_some_and(|base| base & i32::from(FLAG_CUSTOM) != 0);
@@ -290,10 +459,7 @@ fn set_mode(c: &Command) -> Verdict {
         (true, Some(custom_mode)) => packed(custom_mode),
         _ => None,
     };
-    match px4.and_then(mode_from_px4) {
-        Some(mode) => Ask(mode_request(mode)),
-        None => unsupported("this mode is not flown"),
-    }
+    px4.and_then(mode_from_px4)
 }
 
 /// Every form of setting a mode ends here.
@@ -359,7 +525,7 @@ fn message_id(c: &Command) -> Option<u32> {
 }
 
 /// The command in the words of a pilot.
-pub(super) fn label(c: &Command) -> &'static str {
+pub(in super::super) fn label(c: &Command) -> &'static str {
     match c.number {
         cmd::COMPONENT_ARM_DISARM if is_arm(c) => "Arming",
         cmd::COMPONENT_ARM_DISARM | cmd::DO_FLIGHTTERMINATION => "Disarming",
@@ -368,6 +534,8 @@ pub(super) fn label(c: &Command) -> &'static str {
         cmd::NAV_RETURN_TO_LAUNCH => "Return",
         cmd::DO_SET_MODE | cmd::DO_SET_STANDARD_MODE => "Mode",
         cmd::DO_REPOSITION => "Go-to",
+        cmd::DO_ORBIT => "Orbit",
+        cmd::DO_FIGURE_EIGHT => "Figure eight",
         cmd::MISSION_START => "Mission start",
         cmd::DO_SET_MISSION_CURRENT => "Mission item",
         cmd::DO_CHANGE_SPEED => "Speed",

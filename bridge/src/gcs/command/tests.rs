@@ -5,7 +5,9 @@ use super::super::convert::GeoAnchor;
 use super::super::keys;
 use super::super::params::Identity;
 use super::*;
+use crate::autopilot::door::{Failure, FailureKind, FailureUnit};
 use crate::autopilot::door::{FcStatus, GoTo, Key, Refusal, Step};
+use crate::autopilot::door::{MotorTurn, Sensor};
 use crate::autopilot::mode::Mode;
 use proptest::prelude::*;
 use raw::MavMessage as M;
@@ -250,6 +252,14 @@ fn take_off_heights_are_above_sea_level_for_px4_and_above_home_for_others() {
     );
 }
 
+fn turn(motor: u8, percent: f64, time_s: f64) -> Request {
+    Request::TurnMotor(MotorTurn {
+        motor: Some(motor),
+        percent,
+        time_s,
+    })
+}
+
 #[test]
 fn simple_commands_ask_for_what_they_say() {
     for (message, request) in [
@@ -266,6 +276,37 @@ fn simple_commands_ask_for_what_they_say() {
         (first(178, &[1.0, 99.0, -1.0]), Request::ChangeSpeed(1.5)),
         (first(179, &[1.0]), Request::SetHome(None)),
         (first(185, &[1.0]), Request::Disarm { force: true }),
+        (first(241, &[0.0; 7]), Request::EndBenchWork),
+        (first(241, &[1.0]), Request::Calibrate(Sensor::Gyroscope)),
+        (
+            first(241, &[0.0, 0.0, 0.0, 0.0, 1.0]),
+            Request::Calibrate(Sensor::Accelerometer),
+        ),
+        (
+            first(241, &[0.0, 0.0, 0.0, 0.0, 2.0]),
+            Request::Calibrate(Sensor::Level),
+        ),
+        (
+            int(241, 0, [0.0; 4], 2, 0, 0.0),
+            Request::Calibrate(Sensor::Level),
+        ),
+        (
+            first(420, &[7.0, 2.0, 3.0]),
+            Request::Inject(Failure {
+                unit: FailureUnit::Distance,
+                kind: FailureKind::Stuck,
+                instance: 3,
+            }),
+        ),
+        (first(246, &[1.0]), Request::RestartFc),
+        (first(246, &[1.0, 1.0, 1.0]), Request::RestartFc),
+        (first(209, &[2.0, 0.0, 8.0, 1.5]), turn(2, 8.0, 1.5)),
+        (first(209, &[2.0, 1.0, 1080.0, 1.5]), turn(2, 8.0, 1.5)),
+        (first(310, &[0.25, 2.0, 0.0, 0.0, 3.0]), turn(3, 25.0, 2.0)),
+        (
+            first(310, &[NAN, 0.0, 0.0, 0.0, 1.0]),
+            Request::EndBenchWork,
+        ),
         (
             int(21, 0, [NAN; 4], i32::MAX, i32::MAX, NAN),
             Request::SetMode(Mode::Land),
@@ -283,13 +324,15 @@ fn simple_commands_ask_for_what_they_say() {
         (first(179, &[0.0]), result::DENIED),
         (first(245, &[1.0]), result::ACCEPTED),
         (first(245, &[2.0]), result::UNSUPPORTED),
-        (first(241, &[0.0; 7]), result::ACCEPTED),
-        (first(241, &[1.0]), result::UNSUPPORTED),
-        (first(241, &[0.0, 0.0, 0.0, 0.0, 2.0]), result::UNSUPPORTED),
+        (first(241, &[0.0, 1.0]), result::UNSUPPORTED),
+        (first(241, &[1.0, 0.0, 0.0, 0.0, 1.0]), result::UNSUPPORTED),
         (first(246, &[0.0]), result::ACCEPTED),
-        (first(246, &[1.0]), result::UNSUPPORTED),
-        (first(209, &[1.0]), result::UNSUPPORTED),
-        (first(310, &[1.0]), result::UNSUPPORTED),
+        (first(246, &[0.0, 1.0]), result::UNSUPPORTED),
+        (first(246, &[2.0, 2.0]), result::UNSUPPORTED),
+        (first(209, &[0.0, 0.0, 5.0, 1.0]), result::DENIED),
+        (first(209, &[1.0, 2.0, 5.0, 1.0]), result::UNSUPPORTED),
+        (first(209, &[1.0, 0.0, 5.0, 1.0, 4.0]), result::UNSUPPORTED),
+        (first(310, &[0.1, 1.0, 0.0, 0.0, 33.0]), result::UNSUPPORTED),
         (first(1000, &[0.0]), result::UNSUPPORTED),
         (first(1001, &[0.0]), result::UNSUPPORTED),
         (first(2000, &[0.0]), result::UNSUPPORTED),

@@ -2,11 +2,11 @@
 //!
 //! | List | Items | Checked when complete |
 //! | --- | --- | --- |
-//! | fence (type 1) | vertices of polygons to stay in (5001) or out of (5002), circles (5003, 5004) | each polygon has all its vertices, at least 3 |
-//! | rally (type 2) | points (5100) | |
+//! | fence (type 1) | vertices of polygons to stay in (5001) or out of (5002), circles (5003, 5004) | each polygon has all its vertices, at least 3; home is inside |
+//! | rally (type 2) | points (5100) | the vehicle fits there |
 //!
 //! A list is stored when it is complete; until then, and if anything fails, the old one stays. What the fence does is in
-//! `gcs/fence.rs`; rally points are kept for the stations, Return flies home.
+//! `gcs/fence.rs`; Return flies to home or to a rally point, whichever way is shorter.
 
 use super::upload::{Step, Upload};
 use super::{
@@ -14,15 +14,17 @@ use super::{
 };
 use crate::autopilot::door::Severity;
 use crate::gcs::fence::{self, FENCE_CIRCLES, FENCE_VERTICES};
-use crate::gcs::{Destination, Document, Outbox, Peer};
+use crate::gcs::place::Place;
+use crate::gcs::{Context, Destination, Document, Outbox, Peer};
 use arrayvec::ArrayVec;
 use mavlink_dialect::Address;
 use mavlink_dialect::mission_item::{
     Frame, ItemFault, MissionItem, Point, mission_result, mission_type,
 };
 use mavlink_dialect::raw::{self, MavMessage as M};
+use planner::route::Router;
 use std::sync::Arc;
-use vehicle::Timestamp;
+use vehicle::{In, Timestamp};
 
 /// Most items of a fence or of rally points.
 pub const POINTS_CAPACITY: u16 = 256;
@@ -34,6 +36,14 @@ pub const RALLY_DOCUMENT: &str = "rally.json";
 
 /// MAV_CMD_NAV_RALLY_POINT.
 const RALLY_POINT: u16 = 5100;
+
+/// What a list is checked against.
+pub(super) struct Survey<'a> {
+    /// Walls; none leaves places unchecked.
+    pub(super) router: Option<&'a mut Router>,
+    /// Home and the geo-anchor.
+    pub(super) ctx: &'a Context<'a>,
+}
 
 /// One of the two lists.
 #[derive(Debug)]
@@ -84,7 +94,7 @@ impl PointList {
     }
 
     /// Takes the document of an earlier run.
-    pub(super) fn restore(&mut self, bytes: &[u8], out: &mut Outbox) {
+    pub(super) fn restore(&mut self, bytes: &[u8], site: &mut Survey<'_>, out: &mut Outbox) {
         let items = match document::parse(bytes) {
             Ok(items) => items,
             Err(why) => {
@@ -92,7 +102,7 @@ impl PointList {
                 return out.text(Severity::Warning, text);
             }
         };
-        match self.check(&items) {
+        match self.check(&items, site) {
             Ok(()) => self.stored = Arc::new(Stored::new(items)),
             Err((seq, why)) => {
                 let text = format!("{}: stored list dropped: item {seq}: {why}", self.name());
@@ -102,7 +112,14 @@ impl PointList {
     }
 
     /// Takes a message of this mission type.
-    pub(super) fn handle(&mut self, now: Timestamp, from: Peer, message: &M, out: &mut Outbox) {
+    pub(super) fn handle(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        message: &M,
+        site: &mut Survey<'_>,
+        out: &mut Outbox,
+    ) {
         if !matches!(message, M::MISSION_ITEM_INT(_) | M::MISSION_ITEM(_)) {
             self.farewell = self
                 .farewell
@@ -111,8 +128,8 @@ impl PointList {
         }
         match message {
             M::MISSION_COUNT(m) => self.count(now, from, m.count, out),
-            M::MISSION_ITEM_INT(m) => self.item(now, from, MissionItem::from_int(m), out),
-            M::MISSION_ITEM(m) => self.item(now, from, MissionItem::from_float(m), out),
+            M::MISSION_ITEM_INT(m) => self.item(now, from, MissionItem::from_int(m), site, out),
+            M::MISSION_ITEM(m) => self.item(now, from, MissionItem::from_float(m), site, out),
             M::MISSION_REQUEST_LIST(_) => self.list(now, from, out),
             M::MISSION_REQUEST_INT(m) => {
                 if let Some(item) = self.requested(now, from, m.seq, out) {
@@ -201,7 +218,14 @@ impl PointList {
         ask_for(from, 0, self.kind, out);
     }
 
-    fn item(&mut self, now: Timestamp, from: Peer, item: MissionItem, out: &mut Outbox) {
+    fn item(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        item: MissionItem,
+        site: &mut Survey<'_>,
+        out: &mut Outbox,
+    ) {
         let is_it = |u: &&mut Upload| u.client.address == from.address;
         let Some(upload) = self.upload.as_mut().filter(is_it) else {
             if let Some(f) = &self.farewell
@@ -229,7 +253,7 @@ impl PointList {
             Step::Ask(seq) => ask_for(from, seq, self.kind, out),
             Step::Complete => {
                 let items = self.upload.take().map(|u| u.items).unwrap_or_default();
-                match self.check(&items) {
+                match self.check(&items, site) {
                     Ok(()) => {
                         let last_seq = item.seq;
                         self.store(items, out);
@@ -256,12 +280,22 @@ impl PointList {
     }
 
     /// The whole list: items and what only shows when all are here.
-    fn check(&self, items: &[MissionItem]) -> Result<(), (u16, String)> {
+    fn check(&self, items: &[MissionItem], site: &mut Survey<'_>) -> Result<(), (u16, String)> {
         for (item, seq) in items.iter().zip(0..) {
             check_item(self.kind, item).map_err(|fault| (seq, fault.to_string()))?;
         }
         if self.kind == mission_type::FENCE {
-            fence::check(items)?;
+            fence::check_with_home(items, site.ctx)?;
+        } else if let Some(router) = &mut site.router {
+            for (item, seq) in items.iter().zip(0..) {
+                let point = Point::from_wire(item.frame, item.x, item.y, item.z);
+                let place = Place::from_point(&point, site.ctx).unwrap_or_default();
+                let (north_m, east_m) = (place.north_m, place.east_m);
+                let at = In::new(north_m.unwrap_or(0.0), east_m.unwrap_or(0.0), 0.0);
+                router
+                    .check_place(site.ctx.anchor.to_map(at))
+                    .map_err(|e| (seq, e.to_string()))?;
+            }
         }
         Ok(())
     }
@@ -275,7 +309,7 @@ impl PointList {
         let text = match (self.stored.count(), self.kind) {
             (0, _) => format!("{} cleared", self.name()),
             (n, mission_type::FENCE) => format!("Fence of {n} items stored"),
-            (n, _) => format!("{n} rally points stored; Return still flies home"),
+            (n, _) => format!("{n} rally points stored: Return takes the nearest, or home"),
         };
         out.text(Severity::Info, text);
     }

@@ -9,27 +9,35 @@
 //! | `pose` | attitude, position, velocity, estimator |
 //! | `ranges` | DISTANCE_SENSOR, OBSTACLE_DISTANCE, optical flow |
 //! | `status` | system, battery, modes, mission, clock |
+//! | `group` | the groups of REQUEST_DATA_STREAM |
+//! | `room` | what a link can carry: its budget, its radio |
 //! | `identity` | AUTOPILOT_VERSION, AVAILABLE_MODES, PROTOCOL_VERSION |
 //! | `target` | what control follows |
+//! | `own` | the messages of `kestrel.xml` |
 //!
 //! Rates and builders are in `table`.
 
+mod group;
 mod identity;
+mod own;
 mod pose;
 mod ranges;
+mod room;
 mod status;
 mod table;
 mod target;
 
 pub use identity::{CAPABILITIES, FLIGHT_SW_VERSION};
 
+use self::room::Room;
 use self::table::{
     AVAILABLE_MODES, CURRENT_MODE, EXTENDED_SYS_STATE, HEARTBEAT, HOME_POSITION, MISSION_CURRENT,
     TABLE, View, index_of,
 };
 use super::command::Streams;
 use super::convert::GeoAnchor;
-use super::{Context, Destination, LinkId, MAX_LINKS, Outbox, Outgoing, Peer, heartbeat};
+use super::fence::FenceState;
+use super::{Context, Destination, LinkId, MAX_LINKS, Outbox, Outgoing, Peer, Speaker, heartbeat};
 use crate::autopilot::door::{LandedState, MissionStatus, Snapshot};
 use crate::autopilot::mode::ModeState;
 use arrayvec::ArrayVec;
@@ -40,6 +48,8 @@ use vehicle::{In, Ned, Timestamp};
 
 /// Shortest interval that may be asked for, us (500 Hz).
 pub const MIN_INTERVAL_US: i32 = 2_000;
+/// REQUEST_DATA_STREAM makes nothing faster than this, us (50 Hz).
+const FASTEST_GROUP_US: i32 = 20_000;
 /// Time between two CURRENT_MODE for a station that knows standard modes, us.
 const CURRENT_MODE_PERIOD_US: i32 = 2_000_000;
 /// First beats of a new link are spread, so that not everything goes out in one millisecond.
@@ -57,12 +67,12 @@ struct Stream {
 
 impl Stream {
     /// True if it is time; then the next beat is set, on the grid, skipping what was missed.
-    fn take_beat(&mut self, now: Timestamp) -> bool {
+    fn take_beat(&mut self, now: Timestamp, stretch: f64) -> bool {
         let is_urgent = core::mem::take(&mut self.is_urgent);
         if self.period_us == 0 || now < self.next {
             return is_urgent;
         }
-        let period = u64::from(self.period_us);
+        let period = (f64::from(self.period_us) * stretch) as u64;
         let beats = now.since(self.next).as_micros() as u64 / period + 1;
         self.next += Duration::from_micros(beats * period);
         true
@@ -72,6 +82,7 @@ impl Stream {
 #[derive(Debug)]
 struct LinkStreams {
     link: LinkId,
+    room: Room,
     streams: [Stream; TABLE.len()],
 }
 
@@ -160,6 +171,7 @@ pub struct Telemetry {
     next_due: Timestamp,
     flights: Flights,
     plan_ids: PlanIds,
+    fence: FenceState,
     told: Option<Told>,
     /// Kept between ticks for its capacity.
     built: Vec<Message>,
@@ -175,8 +187,9 @@ impl Telemetry {
         }
     }
 
-    /// Starts the default streams on a new link; false if there are too many links.
-    pub fn link_up(&mut self, now: Timestamp, link: LinkId) -> bool {
+    /// Starts the default streams on a new link, within a budget of bytes a second if one is given; false if there are too many
+    /// links.
+    pub fn link_up(&mut self, now: Timestamp, link: LinkId, budget: Option<f64>) -> bool {
         if self.links.is_full() || self.links.iter().any(|l| l.link == link) {
             return false;
         }
@@ -189,7 +202,11 @@ impl Telemetry {
                 is_urgent: false,
             }
         });
-        self.links.push(Box::new(LinkStreams { link, streams }));
+        self.links.push(Box::new(LinkStreams {
+            link,
+            room: Room::new(now, budget),
+            streams,
+        }));
         self.next_due = now;
         true
     }
@@ -202,6 +219,11 @@ impl Telemetry {
     /// Versions of the stored plans.
     pub fn set_plan_ids(&mut self, plan_ids: PlanIds) {
         self.plan_ids = plan_ids;
+    }
+
+    /// Where the vehicle is to the fence.
+    pub const fn set_fence(&mut self, fence: FenceState) {
+        self.fence = fence;
     }
 
     /// Looks at a new snapshot for what is told at once, and keeps the times of flights.
@@ -255,14 +277,18 @@ impl Telemetry {
         if now < self.next_due {
             return;
         }
+        for link in &mut self.links {
+            link.room.tick(now);
+        }
         let mut next_due = now + Duration::from_secs(3_600);
         let mut built = core::mem::take(&mut self.built);
         for (i, row) in TABLE.iter().enumerate() {
             built.clear();
             let mut is_built = false;
             for at in 0..self.links.len() {
+                let stretch = self.links[at].room.stretch();
                 let stream = &mut self.links[at].streams[i];
-                let is_beat = stream.take_beat(now);
+                let is_beat = stream.take_beat(now, stretch);
                 if stream.period_us != 0 {
                     next_due = next_due.min(stream.next);
                 }
@@ -276,6 +302,7 @@ impl Telemetry {
                 let to = Destination::Link(self.links[at].link);
                 out.messages.extend(built.iter().map(|message| Outgoing {
                     to,
+                    from: Speaker::Autopilot,
                     message: message.clone(),
                 }));
             }
@@ -379,8 +406,39 @@ impl Telemetry {
             return Err(RequestRefusal::NotNow);
         }
         out.messages
-            .extend(built.into_iter().map(|message| Outgoing { to, message }));
+            .extend(built.into_iter().map(|message| Outgoing {
+                to,
+                from: Speaker::Autopilot,
+                message,
+            }));
         Ok(())
+    }
+
+    /// RADIO_STATUS on a link: how full the radio's buffer is.
+    pub fn radio_status(&mut self, now: Timestamp, link: LinkId, free_percent: u8) {
+        if let Some(l) = self.links.iter_mut().find(|l| l.link == link) {
+            l.room.radio_status(now, free_percent);
+        }
+    }
+
+    /// So many bytes went out on a link.
+    pub fn sent(&mut self, link: LinkId, bytes: usize) {
+        if let Some(l) = self.links.iter_mut().find(|l| l.link == link) {
+            l.room.sent(bytes);
+        }
+    }
+
+    /// REQUEST_DATA_STREAM on one link: all messages of a group at a rate, or off.
+    pub fn request_stream(&mut self, now: Timestamp, link: LinkId, group: u8, hz: Option<u16>) {
+        for id in group::members(group) {
+            let interval_us = match hz {
+                None => -1,
+                Some(0) => 0,
+                Some(hz) => (1_000_000 / i32::from(hz)).max(FASTEST_GROUP_US),
+            };
+            // Known ids, allowed intervals.
+            let _ = self.set_interval(now, link, id, interval_us);
+        }
     }
 
     /// Home was set, perhaps where it already was: tells it again.
@@ -407,6 +465,7 @@ impl Telemetry {
             boot_utc_us: ctx.boot_utc_us,
             flights: &self.flights,
             plan_ids: self.plan_ids,
+            fence: self.fence,
         }
     }
 }

@@ -102,7 +102,10 @@ pub(super) fn global_position_int(v: &View<'_>, out: &mut Vec<Message>) {
     );
 }
 
-/// A fix is reported only by KST_GPS_EMU, and only while the place on the plan is known.
+/// A fix of a receiver older than this is none, s.
+const FIX_FRESH_S: f64 = 5.0;
+
+/// A receiver's fix as it is; without a receiver one is reported only by KST_GPS_EMU, and only while the place on the plan is known.
 pub(super) fn gps_raw_int(v: &View<'_>, out: &mut Vec<Message>) {
     let nav = &v.snapshot.nav;
     let unknown = GPS_RAW_INT_DATA {
@@ -115,7 +118,29 @@ pub(super) fn gps_raw_int(v: &View<'_>, out: &mut Vec<Message>) {
         satellites_visible: 0,
         ..GPS_RAW_INT_DATA::default()
     };
-    let message = if v.settings.ground.gps_emulation && nav.health.position {
+    let receiver = v
+        .snapshot
+        .gnss
+        .filter(|fix| v.snapshot.at.seconds_since(fix.at) < FIX_FRESH_S);
+    let message = if let Some(fix) = receiver {
+        let speed = fix.velocity.map_or(f64::NAN, |v| v.norm_xy());
+        GPS_RAW_INT_DATA {
+            time_usec: fix.at.us(),
+            lat: to_i32(fix.place_deg[0] * 1e7),
+            lon: to_i32(fix.place_deg[1] * 1e7),
+            alt: to_i32(fix.altitude_m * 1e3),
+            vel: if speed.is_finite() {
+                to_u16(speed * 1e2)
+            } else {
+                u16::MAX
+            },
+            fix_type: GpsFixType::GPS_FIX_TYPE_3D_FIX,
+            satellites_visible: fix.satellites,
+            h_acc: to_i32(fix.std_m[0] * 1e3).unsigned_abs(),
+            v_acc: to_i32(fix.std_m[1] * 1e3).unsigned_abs(),
+            ..unknown
+        }
+    } else if v.settings.ground.gps_emulation && nav.health.position {
         let here = v.geo.to_global(nav.position);
         let std_xy = nav.position_std_m.norm_xy();
         let speed = nav.velocity.norm_xy();

@@ -5,12 +5,14 @@ use crate::autopilot::mode::Mode;
 use crate::gcs::convert::{
     landed_state_code, mission_state_code, mode_to_px4, standard_mode, to_i16, to_i32, to_u16,
 };
+use crate::gcs::fence::Mitigation;
 use mavlink_dialect::Message;
 use mavlink_dialect::standard::{
-    BATTERY_STATUS_DATA, CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA, FLIGHT_INFORMATION_DATA,
-    MISSION_CURRENT_DATA, MavBatteryChargeState, MavBatteryFault, MavBatteryFunction,
-    MavLandedState, MavMessage, MavStandardMode, MavSysStatusSensor, MavSysStatusSensorExtended,
-    MissionState, NAMED_VALUE_FLOAT_DATA, RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    BATTERY_STATUS_DATA, CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA, FENCE_STATUS_DATA,
+    FLIGHT_INFORMATION_DATA, FenceBreach, FenceMitigate, MISSION_CURRENT_DATA,
+    MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavLandedState, MavMessage,
+    MavStandardMode, MavSysStatusSensor, MavSysStatusSensorExtended, MissionState,
+    NAMED_VALUE_FLOAT_DATA, RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 use vehicle::{BatterySample, Timestamp};
 
@@ -92,8 +94,12 @@ pub(super) fn sys_status(v: &View<'_>, out: &mut Vec<Message>) {
             true,
             s.fc.is_connected && !s.rc_us.is_empty(),
         ),
-        // There is no fence, and MAVProxy reads a missing health bit as a breach.
-        (Bit::MAV_SYS_STATUS_GEOFENCE, false, true),
+        // MAVProxy reads a missing health bit as a breach, fence or none.
+        (
+            Bit::MAV_SYS_STATUS_GEOFENCE,
+            v.fence.is_set,
+            !v.fence.is_outside,
+        ),
         (Bit::MAV_SYS_STATUS_AHRS, true, health.attitude),
         (
             Bit::MAV_SYS_STATUS_SENSOR_BATTERY,
@@ -183,7 +189,8 @@ pub(super) fn battery_status(v: &View<'_>, out: &mut Vec<Message>) {
             voltages,
             current_battery: current_ca(&b),
             battery_remaining: remaining_percent(&b),
-            time_remaining: 0,
+            // 0 is unknown.
+            time_remaining: v.snapshot.endurance_s.map_or(0, |s| to_i32(s).max(1)),
             charge_state: match (b.remaining, is_battery_low(v)) {
                 (None, _) => MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_UNDEFINED,
                 (Some(_), false) => MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_OK,
@@ -193,6 +200,31 @@ pub(super) fn battery_status(v: &View<'_>, out: &mut Vec<Message>) {
             // The generated default is the first flag, not none.
             fault_bitmask: MavBatteryFault::empty(),
             ..BATTERY_STATUS_DATA::default()
+        })
+        .into(),
+    );
+}
+
+/// Only while there is a fence.
+pub(super) fn fence_status(v: &View<'_>, out: &mut Vec<Message>) {
+    let fence = v.fence;
+    if !fence.is_set {
+        return;
+    }
+    out.push(
+        MavMessage::FENCE_STATUS(FENCE_STATUS_DATA {
+            breach_time: fence.breached_at.map_or(0, Timestamp::boot_ms),
+            breach_count: fence.breaches,
+            breach_status: u8::from(fence.is_outside),
+            breach_type: if fence.breaches > 0 {
+                FenceBreach::FENCE_BREACH_BOUNDARY
+            } else {
+                FenceBreach::FENCE_BREACH_NONE
+            },
+            breach_mitigation: match fence.mitigation {
+                Mitigation::None => FenceMitigate::FENCE_MITIGATE_NONE,
+                Mitigation::Stopping => FenceMitigate::FENCE_MITIGATE_VEL_LIMIT,
+            },
         })
         .into(),
     );

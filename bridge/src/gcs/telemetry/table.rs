@@ -1,8 +1,9 @@
 //! The table of streams: message, default rate, builder.
 
-use super::{Flights, PlanIds, identity, pose, ranges, status, target};
+use super::{Flights, PlanIds, identity, own, pose, ranges, status, target};
 use crate::autopilot::door::Snapshot;
 use crate::gcs::convert::GeoAnchor;
+use crate::gcs::fence::FenceState;
 use crate::settings::Settings;
 use mavlink_dialect::{Address, Message};
 use vehicle::Timestamp;
@@ -17,6 +18,7 @@ pub(super) struct View<'a> {
     pub(super) boot_utc_us: u64,
     pub(super) flights: &'a Flights,
     pub(super) plan_ids: PlanIds,
+    pub(super) fence: FenceState,
 }
 
 type Build = fn(&View<'_>, &mut Vec<Message>);
@@ -68,6 +70,7 @@ pub(super) const TABLE: &[Row] = &[
     row(141, 4.0, pose::altitude),
     row(147, 0.5, status::battery_status),
     row(148, 0.0, identity::autopilot_version),
+    row(162, 1.0, status::fence_status),
     row(230, 1.0, pose::estimator_status),
     row(HOME_POSITION, 0.5, pose::home_position),
     row(EXTENDED_SYS_STATE, 1.0, status::extended_sys_state),
@@ -80,6 +83,10 @@ pub(super) const TABLE: &[Row] = &[
     row(AVAILABLE_MODES, 0.0, identity::available_modes),
     // Begins on a link where somebody asks for AVAILABLE_MODES: older dialects count an id they do not know as a lost frame.
     row(CURRENT_MODE, 0.0, status::current_mode),
+    row(53_000, 0.0, own::localization),
+    row(53_001, 0.0, own::avoidance),
+    row(53_002, 0.0, own::control),
+    row(53_003, 0.0, own::flight_loop),
 ];
 
 /// Place of a message in the table.

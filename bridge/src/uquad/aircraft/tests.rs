@@ -262,3 +262,88 @@ fn no_take_off_before_the_calibration() {
     assert_eq!(world.aircraft.phase(), Phase::Calibrating);
     assert_eq!(world.bus.values(), [0; 4]);
 }
+
+/// A frame of a craft at rest with a period of the board's clock.
+fn frame_after(period_us: u32) -> [u8; 30] {
+    estimator::imu::RawFrame {
+        since_previous_us: period_us,
+        accel: [0, 0, 256],
+        gyro: [0, 0, 0],
+        mag: [247, 0, -182],
+        temperature_ddeg: 249,
+        pressure_pa: 101_193,
+    }
+    .emit(b'A')
+}
+
+#[test]
+fn a_gap_of_15_ms_is_clamped_and_logged_and_ten_stop_the_motors() {
+    let mut world = World::flying(1, StateSet::Full);
+    world.said.clear();
+    let mut periods = Vec::new();
+    let mut gaps = 0;
+    while world.aircraft.phase() == Phase::Running && gaps < 12 {
+        gaps += 1;
+        world.ms += 15;
+        let now = Timestamp::from_ms(world.ms);
+        let mut said = Vec::new();
+        let frame = frame_after(15_000);
+        let step = world.aircraft.bytes(now, &frame, &mut |s| said.push(s));
+        while world.aircraft.poll(now).is_some() {}
+        periods.extend(said.into_iter().filter(|s| matches!(s, Said::Period(_))));
+        if gaps < 10 {
+            assert!(step.is_some(), "gap {gaps}: it flies on");
+        }
+    }
+    let said: Vec<String> = periods.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        said,
+        [
+            "sampling period of 15.0 ms instead of 8-12 ms (1 of 10 errors)",
+            "sampling period of 15.0 ms instead of 8-12 ms (10 of 10 errors)",
+        ],
+        "the first and the tenth"
+    );
+    assert!(gaps >= 10, "{gaps} gaps");
+    assert_eq!(world.aircraft.phase(), Phase::Off(Off::Timing));
+}
+
+#[test]
+#[allow(
+    clippy::disallowed_methods,
+    reason = "what a frame costs is what is measured"
+)]
+fn from_frame_to_motor_message_takes_less_than_a_millisecond() {
+    use rustix::time::{ClockId, clock_gettime};
+    // Processor time of this thread: what other programs take from it is not the loop's.
+    let spent_us = || {
+        let t = clock_gettime(ClockId::ThreadCPUTime);
+        t.tv_sec as f64 * 1e6 + t.tv_nsec as f64 * 1e-3
+    };
+    let mut world = World::flying(1, StateSet::Full);
+    let mut took = Vec::new();
+    for n in 0..3000_u64 {
+        world.ms += 10;
+        let now = Timestamp::from_ms(world.ms);
+        let frame = frame_after(10_000);
+        if n % 10 == 0 {
+            world.aircraft.fix(Vector3::new(0.0, 0.0, 1.0));
+        }
+        let began = spent_us();
+        world.aircraft.bytes(now, &frame, &mut |_| {});
+        let message = world.aircraft.poll(now);
+        took.push(spent_us() - began);
+        if let Some(ack) = message.and_then(|m| world.driver.handle(now, &m)) {
+            world.aircraft.acknowledged(&ack);
+        }
+    }
+    took.sort_by(f64::total_cmp);
+    let at = |share: f64| took[((took.len() - 1) as f64 * share) as usize];
+    println!(
+        "FIGURES\nIMU frame to motor message, processor time: p50 {:.0} us, p99 {:.0} us, p99.9 {:.0} us (bar 1000)\nEND",
+        at(0.5),
+        at(0.99),
+        at(0.999)
+    );
+    assert!(at(0.999) <= 1000.0);
+}

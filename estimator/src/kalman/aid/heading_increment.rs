@@ -36,8 +36,11 @@ impl Window {
 
     /// Adds the raw gyro reading over an interval, rad/s FRD.
     pub fn integrate(&mut self, state: &Nominal, gyro: &Vector3<f64>, dt: f64) {
-        let row = super::yaw::observe(state).row;
-        let to_yaw = row.fixed_rows::<3>(crate::kalman::ATTITUDE).into_owned();
+        let to_yaw = super::yaw::observe(state);
+        let to_yaw = to_yaw
+            .row()
+            .fixed_rows::<3>(crate::kalman::ATTITUDE)
+            .into_owned();
         self.turned_rad += to_yaw.dot(gyro) * dt;
         self.bias_gain_s += to_yaw * dt;
     }

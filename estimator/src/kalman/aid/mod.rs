@@ -32,27 +32,49 @@ use nalgebra::Vector3;
 pub struct Observation {
     /// Predicted measurement.
     pub predicted: f64,
-    /// Derivative of the measurement with respect to the error state.
-    pub row: ErrorVector,
-    /// True if the innovation wraps at pi.
-    pub is_angle: bool,
+    row: ErrorVector,
+    /// One bit for each number of the row that is not zero.
+    support: u16,
+    is_angle: bool,
 }
 
 impl Observation {
-    pub(crate) fn new(predicted: f64, row: ErrorVector) -> Self {
+    /// A measurement with its derivative with respect to the error state.
+    #[must_use]
+    pub fn new(predicted: f64, row: ErrorVector) -> Self {
+        let bits = row.iter().enumerate();
         Self {
             predicted,
             row,
+            support: bits.fold(0, |bits, (i, h)| bits | u16::from(*h != 0.0) << i),
             is_angle: false,
         }
     }
 
-    pub(crate) fn angle(predicted: f64, row: ErrorVector) -> Self {
+    /// The same for an angle: the innovation wraps at pi.
+    #[must_use]
+    pub fn angle(predicted: f64, row: ErrorVector) -> Self {
         Self {
-            predicted,
-            row,
             is_angle: true,
+            ..Self::new(predicted, row)
         }
+    }
+
+    /// Derivative of the measurement with respect to the error state.
+    #[must_use]
+    pub const fn row(&self) -> &ErrorVector {
+        &self.row
+    }
+
+    /// One bit for each number of the row that is not zero.
+    pub(super) const fn support(&self) -> u16 {
+        self.support
+    }
+
+    /// True if the innovation wraps at pi.
+    #[must_use]
+    pub const fn is_angle(&self) -> bool {
+        self.is_angle
     }
 }
 

@@ -1,6 +1,7 @@
 //! When the locator asks for a global search, and what it makes of the answer.
 
-use super::{Locator, Phase, SAME_M, SAME_RAD};
+use super::{Locator, Phase, SAME_M, SAME_RAD, UNCONFIRMED_MASS};
+use crate::mcl::filter::{SEEDED_STD_M, SEEDED_STD_RAD};
 use crate::mcl::planar::Planar;
 use crate::mcl::search::{SearchRequest, SearchResult};
 use std::sync::Arc;
@@ -42,7 +43,9 @@ impl Locator {
             field: Arc::clone(self.filter.field()),
             readings,
             reference,
-            held: self.held.filter(|_| self.phase == Phase::Localized),
+            held: self
+                .held
+                .filter(|_| matches!(self.phase, Phase::Localized | Phase::Lost)),
             noise: self.noise,
         })
     }
@@ -59,25 +62,27 @@ impl Locator {
         let since = result.reference.step_to(&odometry);
         let here = |pose: MapPose| Planar::from(pose).then(&since);
         let readings = result.readings * READING_WEIGHT;
-        if self.phase == Phase::Localized {
-            let Some(held) = result.held else {
-                return;
-            };
+        if let Some(held) = result.held {
             let advantage = (best.score - held.score) * readings;
             let is_same = Planar::from(held.pose).is_near(&best.pose.into(), SAME_M, SAME_RAD);
             if is_same {
                 self.is_doubted = false;
             }
-            if is_same
-                || advantage < REFUTED
-                || best.fit < self.good_fit
-                || best.fit < held.fit + REFUTED_FIT
-            {
-                return;
+            let is_refuted = !is_same
+                && advantage >= REFUTED
+                && best.fit >= self.good_fit
+                && best.fit >= held.fit + REFUTED_FIT;
+            if self.phase == Phase::Localized {
+                if !is_refuted {
+                    return;
+                }
+                self.lose();
             }
-            // The same walls are seen much better from elsewhere: somebody carried the vehicle.
-            self.lose();
+            // The same walls are seen much better from elsewhere: somebody carried the vehicle, and nothing is left of the
+            // place it was at.
+            self.is_continuous &= !is_refuted;
         }
+        let is_anew = self.phase == Phase::Searching || !self.is_continuous;
         let margin = result.peaks.get(1).map_or(f64::INFINITY, |second| {
             (best.score - second.score) * readings
         });
@@ -95,24 +100,29 @@ impl Locator {
             self.disagrees &= !(is_decisive || self.is_continuous);
             return;
         }
-        self.agreements = u32::from(is_decisive && self.phase == Phase::Searching);
+        self.agreements = u32::from(is_decisive && is_anew);
         self.disagrees = true;
         self.search_share = 0.0;
         let peaks = result
             .peaks
             .iter()
             .map(|p| (here(p.pose).into(), share(p.score)));
-        let portion = if self.phase == Phase::Searching {
-            1.0
-        } else {
-            0.7
-        };
+        let portion = if is_anew { 1.0 } else { 0.7 };
         self.filter.start_at_peaks(peaks, portion);
-        if self.phase == Phase::Searching {
+        if is_anew {
             self.held = Some(here(best.pose));
             self.search_share = 1.0 / all;
             self.is_continuous = false;
             self.rival = None;
+            // Told at once, not with the next scan.
+            self.status.pose = Some(here(best.pose).into());
+            self.status.mass = self.search_share.min(UNCONFIRMED_MASS);
+            let variance = [SEEDED_STD_M, SEEDED_STD_M, SEEDED_STD_RAD].map(|s| s * s);
+            self.covariance = [
+                [variance[0], 0.0, 0.0],
+                [0.0, variance[1], 0.0],
+                [0.0, 0.0, variance[2]],
+            ];
         }
         self.good_since = None;
     }

@@ -277,6 +277,7 @@ impl ThesisLocator {
             odometry,
             covariance: near.covariance,
             is_jump,
+            news: 1.0,
         })
     }
 

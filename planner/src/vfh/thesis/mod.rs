@@ -61,10 +61,15 @@ pub fn bearing_deg(rows_down: i32, columns_right: i32) -> f64 {
 }
 
 /// The window of counts.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     side: usize,
     counts: Vec<u16>,
+    /// Cells by the distance they may stand for, in cells: `ring_cells[rings[d]..rings[d + 1]]`, each with its bearing.
+    rings: Vec<usize>,
+    ring_cells: Vec<(usize, f64)>,
+    /// Sector and `a - b d` of every cell.
+    places: Vec<(u8, f64)>,
 }
 
 impl Window {
@@ -72,9 +77,64 @@ impl Window {
     #[must_use]
     pub fn new(side: usize) -> Self {
         let side = side | 1;
+        let half = (side / 2) as i32;
+        let b = A / side as f64;
+        let cells =
+            || (-half..=half).flat_map(|row| (-half..=half).map(move |column| (row, column)));
+        let away = |(row, column)| libm::hypot(f64::from(row), f64::from(column));
+        let places = cells()
+            .map(|at| {
+                let sector = sector_of_deg(bearing_deg(at.0, at.1));
+                (sector as u8, A - b * away(at))
+            })
+            .collect();
+        let (mut rings, mut ring_cells) = (vec![0], Vec::new());
+        for ring in 0..=libm::ceil(away((half, half))) as usize {
+            let on_ring = cells()
+                .enumerate()
+                .filter(|(_, at)| (away(*at) - ring as f64).abs() <= RING);
+            ring_cells.extend(on_ring.map(|(i, at)| (i, bearing_deg(at.0, at.1))));
+            rings.push(ring_cells.len());
+        }
         Self {
             side,
             counts: vec![0; side * side],
+            rings,
+            ring_cells,
+            places,
+        }
+    }
+
+    /// Forgets all counts.
+    pub fn clear(&mut self) {
+        self.counts.fill(0);
+    }
+
+    /// The vehicle has moved by so many cells: the counts stay where they were on the floor, what leaves the window is
+    /// forgotten.
+    pub fn shift(&mut self, rows_down: i32, columns_right: i32) {
+        let side = self.side as i32;
+        if rows_down.abs() >= side || columns_right.abs() >= side {
+            self.clear();
+            return;
+        }
+        let step = (rows_down * side + columns_right) as isize;
+        let n = self.counts.len() as isize;
+        let column_of = |i: isize| (i % side as isize) as i32;
+        let mut take = |i: isize| {
+            // A cell whose old place lies outside, or in the next row, is new.
+            let from = i + step;
+            let is_old = (0..n).contains(&from) && column_of(from) == column_of(i) + columns_right;
+            self.counts[i as usize] = if is_old {
+                self.counts[from as usize]
+            } else {
+                0
+            };
+        };
+        if step >= 0 {
+            (0..n).for_each(&mut take);
+        } else {
+            (0..n).rev().for_each(&mut take);
         }
     }
 
@@ -96,21 +156,16 @@ impl Window {
         if !(angle_deg.is_finite() && distance_m.is_finite() && distance_m >= 0.0) {
             return;
         }
-        let half = (self.side / 2) as i32;
         let ring = libm::floor(distance_m / CELL_M);
+        if ring >= (self.rings.len() - 1) as f64 {
+            return;
+        }
+        let ring = ring as usize;
         let mut best: Option<(f64, usize)> = None;
-        for row in -half..=half {
-            for column in -half..=half {
-                let d = libm::hypot(f64::from(row), f64::from(column));
-                if (d - ring).abs() > RING {
-                    continue;
-                }
-                let off = wrapped_deg(bearing_deg(row, column) - angle_deg).abs();
-                if let Some(i) = self.index(row, column)
-                    && best.is_none_or(|(b, _)| off < b)
-                {
-                    best = Some((off, i));
-                }
+        for (i, bearing) in &self.ring_cells[self.rings[ring]..self.rings[ring + 1]] {
+            let off = wrapped_deg(bearing - angle_deg).abs();
+            if best.is_none_or(|(b, _)| off < b) {
+                best = Some((off, *i));
             }
         }
         if let Some((_, i)) = best {
@@ -121,16 +176,11 @@ impl Window {
     /// Sums of `c^2 (a - b d)` by sector; b makes it vanish at a distance of `side` cells.
     #[must_use]
     pub fn histogram(&self) -> Polar {
-        let half = (self.side / 2) as i32;
-        let b = A / self.side as f64;
         let mut h = [0.0; SECTORS];
-        for row in -half..=half {
-            for column in -half..=half {
-                let c = f64::from(self.count(row, column));
-                if c > 0.0 {
-                    let d = libm::hypot(f64::from(row), f64::from(column));
-                    h[sector_of_deg(bearing_deg(row, column))] += c * c * (A - b * d);
-                }
+        for (count, (sector, factor)) in self.counts.iter().zip(&self.places) {
+            if *count > 0 {
+                let c = f64::from(*count);
+                h[usize::from(*sector)] += c * c * factor;
             }
         }
         h

@@ -123,7 +123,7 @@ const BETAFLIGHT_STICKS: StickRules = StickRules {
     motors: [crate::fc::stabilizer::IDLE, 1.0],
 };
 
-const fn betaflight_bits(count: u8) -> [(u32, u32); 10] {
+const fn betaflight_bits(count: u8) -> [(u32, u32); 11] {
     [
         (cause::FAILSAFE, 1 << 1),
         (cause::RX_LOST, 1 << 2),
@@ -131,15 +131,16 @@ const fn betaflight_bits(count: u8) -> [(u32, u32); 10] {
         (cause::THROTTLE, 1 << 7),
         (cause::TILT, 1 << 8),
         (cause::SETTLING, 1 << 9),
+        (cause::CALIBRATING, 1 << 12),
         (cause::CLI, 1 << 13),
         (cause::MSP, 1 << 16),
         (cause::REBOOT, 1 << 21),
         (cause::ARM_SWITCH, 1 << (count - 1)),
     ]
 }
-const BITS_26: [(u32, u32); 10] = betaflight_bits(26);
-const BITS_29: [(u32, u32); 10] = betaflight_bits(29);
-const BITS_30: [(u32, u32); 10] = betaflight_bits(30);
+const BITS_26: [(u32, u32); 11] = betaflight_bits(26);
+const BITS_29: [(u32, u32); 11] = betaflight_bits(29);
+const BITS_30: [(u32, u32); 11] = betaflight_bits(30);
 
 pub(super) const BETAFLIGHT_46: Table = Table {
     identity: Identity {
@@ -320,6 +321,7 @@ pub(super) const INAV: Table = Table {
             (cause::FAILSAFE, 1 << 7),
             (cause::TILT, 1 << 8),
             (cause::SETTLING, 1 << 9),
+            (cause::CALIBRATING, 1 << 9),
             (cause::ARM_SWITCH, 1 << 14),
             (cause::NOT_DISARMED, 1 << 14),
             (cause::RX_LOST, 1 << 18),

@@ -219,7 +219,13 @@ fn a_signed_link_hears_only_who_knows_its_key_and_signs_what_it_says() {
     let key = SigningKey::from_passphrase("hangar");
     let (signed, open) = (LinkId::of(1, 1), LinkId::of(0, 1));
     let mut bench = Bench::new();
-    bench.ground.set_keys(vec![None, Some(key.clone())]);
+    let signed_policy = LinkPolicy {
+        key: Some(key.clone()),
+        ..LinkPolicy::default()
+    };
+    bench
+        .ground
+        .set_policies(vec![LinkPolicy::default(), signed_policy]);
     bench.link_up(signed);
     bench.link_up(open);
     let asks = |bench: &mut Bench, link, bytes: &[u8]| {

@@ -1,5 +1,6 @@
 //! Whole conversations over real bytes and virtual time.
 
+mod access;
 mod links;
 mod parameters;
 mod services;

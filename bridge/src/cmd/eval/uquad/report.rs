@@ -158,6 +158,11 @@ fn picture(title: &str, steps: &[Step]) -> String {
     chart::svg(title, "s since the filter started", &times, &panels)
 }
 
+/// `--logs` names what is written; without it everything is.
+fn is_wanted(args: &UquadArgs, name: &str) -> bool {
+    args.logs.is_empty() || name == "summary.json" || args.logs.iter().any(|log| log.file() == name)
+}
+
 pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
     let steps = &outcome.steps;
     let mode = if args.legacy {
@@ -189,6 +194,7 @@ pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
         "last_state": steps.last().map(|s| s.state),
         "last_motors": steps.last().map(|s| s.speeds_radps),
     });
+    // What is not asked for is not written; the summary is.
     let files = [
         ("kalman_in.csv", csv(&CONVERTED, steps, converted)),
         ("x_hat.csv", csv(&STATE, steps, estimated)),
@@ -196,7 +202,7 @@ pub(super) fn write(args: &UquadArgs, outcome: &Outcome) -> Result<()> {
         ("uquad.svg", picture(&format!("uQuad chain, {mode}"), steps)),
         ("summary.json", format!("{summary:#}\n")),
     ];
-    for (name, text) in files {
+    for (name, text) in files.into_iter().filter(|(name, _)| is_wanted(args, name)) {
         let path = args.out.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }

@@ -166,3 +166,64 @@ fn streams_in_a_flight_log_come_back_as_text_and_give_the_same_run_to_the_bit() 
     assert!(results(&folder.join("out")) == first, "another run");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn fixes_hold_the_horizontal_position_and_eight_states_refuse_them() {
+    let folder = table("gps");
+    let last = |more: &[&str]| {
+        let words = [&["--calibration-frames", "100", "--logs", "x_hat"], more].concat();
+        assert_eq!(
+            run(&args(&folder, &words).unwrap()).unwrap(),
+            ExitCode::SUCCESS
+        );
+        let out = folder.join("out");
+        assert!(out.join("x_hat.csv").exists() && out.join("summary.json").exists());
+        assert!(!out.join("w.csv").exists() && !out.join("uquad.svg").exists());
+        let text = std::fs::read_to_string(out.join("x_hat.csv")).unwrap();
+        let row = text.lines().last().unwrap().to_owned();
+        std::fs::remove_dir_all(&out).unwrap();
+        row
+    };
+    let without = last(&[]);
+    assert_ne!(without, last(&["--gps", "random"]));
+    let log = folder.join("gps.log");
+    std::fs::write(
+        &log,
+        "0 3 1 2 0 0 0 0 -34.9 -56.1 0 0 0 0\n0.2 3 1 2 0 0 0 0 -34.9 -56.1 0 0 0 0\n",
+    )
+    .unwrap();
+    assert_ne!(without, last(&["--gps", &log.display().to_string()]));
+    assert_ne!(without, last(&["--inertia", "0.03,0.05"]));
+    assert_ne!(without, last(&["--frames-per-action", "5"]));
+    let both = error(&folder, &["--gps", "zeros", "--states", "8"]);
+    assert!(
+        both.contains("--gps zeros and --states 8") && both.contains("estimate 12"),
+        "{both}"
+    );
+    let never = error(
+        &folder,
+        &["--calibration-frames", "100", "--frames-per-action", "0"],
+    );
+    assert!(never.contains("acts every step"), "{never}");
+    assert!(
+        error(
+            &folder,
+            &["--calibration-frames", "100", "--inertia", "0,1"]
+        )
+        .contains("0-10 kg m2")
+    );
+    std::fs::write(&log, "0 3\n").unwrap();
+    assert!(
+        error(
+            &folder,
+            &[
+                "--calibration-frames",
+                "100",
+                "--gps",
+                &log.display().to_string()
+            ]
+        )
+        .contains("line 1")
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}
