@@ -554,3 +554,26 @@ fn stop_holds_and_stop_again_lands() {
     );
     f.until_down(20.0);
 }
+
+#[test]
+fn a_station_breaks_and_mends_things_in_the_simulator() {
+    let mut f = Scenario::office().start();
+    let inject = |f: &mut flight_tests::Flight, unit: f32, kind: f32, instance: f32| {
+        f.command(420, [unit, kind, instance, 0.0, 0.0, 0.0, 0.0])
+    };
+    f.take_off(1.0);
+    assert_eq!(inject(&mut f, 7.0, 1.0, 9.0), 2, "there is no ninth ranger");
+    assert_eq!(inject(&mut f, 4.0, 1.0, 0.0), 3, "there are no satellites");
+    assert_eq!(inject(&mut f, 5.0, 2.0, 0.0), 3, "flow does not get stuck");
+    assert_eq!(inject(&mut f, 7.0, 1.0, 0.0), 0);
+    until_row(&mut f, Because::RangersSilent, Mode::Land, 3.0);
+    assert_eq!(inject(&mut f, 7.0, 0.0, 0.0), 0);
+    f.wait_s(0.5);
+    let texts = f.station.heard().texts.join("; ");
+    f.assert(
+        texts.contains("Failsafe cleared: range finders silent"),
+        &texts,
+    );
+    assert_eq!(inject(&mut f, 101.0, 1.0, 2.0), 0);
+    f.until("motors off", 2.5, |f| !f.snapshot().is_armed);
+}

@@ -591,11 +591,17 @@ impl GroundLoop {
         let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
+        let pulse = self.handle.pulse();
+        if let Err(e) = bridge::io::watchdog::start(Arc::clone(&pulse)) {
+            self.terminal
+                .line(&format!("  systemd's watchdog cannot be told: {e}"));
+        }
         let mut host_watch = HostWatch::default();
         let mut host_pace = Pace::hz(1.0);
         // Made at first use, which would hold up the first station that asks.
         std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
+            pulse.ground();
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
                 let Some(e) = event.take() else { break };

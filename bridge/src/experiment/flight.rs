@@ -2,7 +2,7 @@
 
 use super::judge::{Judge, Outcome};
 use super::plan::{Campaign, Case, Dice, Fault, FlownMode};
-use crate::autopilot::door::HostReport;
+use crate::autopilot::door::{HostReport, Request};
 use crate::autopilot::flight::Start;
 use crate::gcs::LinkId;
 use crate::io::lockstep::{Lockstep, LockstepConfig, Outgoing};
@@ -13,7 +13,7 @@ use core::time::Duration;
 use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::raw;
 use sim::{Room, SimConfig, VehicleConfig};
-use vehicle::{In, MapPose, RingConfig, Timestamp};
+use vehicle::{In, MapPose, ParamValue, RingConfig, Segment, Timestamp};
 
 const STATION: LinkId = LinkId(0);
 /// Virtual time between two looks.
@@ -276,17 +276,19 @@ impl Script {
             Fault::MotorDead => sim.set_fault(0, Broken::MotorDead(dice.roll(4) as u8), true),
             Fault::BatteryLow => sim.set_charge(0, 0.12),
             Fault::BatteryCritical => sim.set_charge(0, 0.04),
-            Fault::Kidnapped => {
-                let at = self.world.simulator.anchor().to_map(In::new(
-                    self.place[0],
-                    self.place[1],
-                    0.0,
-                ));
-                let yaw_rad = dice.between(-3.1, 3.1);
-                let pose = MapPose::new(at.x(), at.y(), yaw_rad);
-                self.world.simulator.carry_to(0, pose);
-                self.judge.was_carried();
+            Fault::BatteryReserve => {
+                self.set("BAT1_CAPACITY", ParamValue::Float(1_300.0));
+                self.set("KST_BAT_RESERVE", ParamValue::Float(600.0));
             }
+            Fault::WayBlocked => {
+                self.set("KST_PROGRESS_T", ParamValue::Float(6.0));
+                self.wall_in();
+            }
+            Fault::PlaceJumps => {
+                self.set("KST_JUMPS_MAX", ParamValue::Int(1));
+                self.carry_away(dice);
+            }
+            Fault::Kidnapped => self.carry_away(dice),
             Fault::Hot => self.world.host(HostReport {
                 temperature_c: Some(97.0),
                 ..report
@@ -313,5 +315,42 @@ impl Script {
                 self.ends_stream = true;
             }
         }
+    }
+
+    /// Sets a parameter as a pilot would.
+    fn set(&mut self, name: &str, value: ParamValue) {
+        if let Some(index) = Settings::default().index_of(name) {
+            let index = index as u16;
+            self.world.ask(Request::SetParam { index, value });
+        }
+    }
+
+    /// Another room, another heading.
+    fn carry_away(&mut self, dice: &mut Dice) {
+        let [north, east] = self.place;
+        let there = In::new(north, east, 0.0);
+        let at = self.world.simulator.anchor().to_map(there);
+        let pose = MapPose::new(at.x(), at.y(), dice.between(-3.1, 3.1));
+        self.world.simulator.carry_to(0, pose);
+        self.judge.was_carried();
+    }
+
+    /// Four walls around where it is.
+    fn wall_in(&mut self) {
+        const HALF_M: f64 = 0.9;
+        let here = self.world.simulator.truth(0).position;
+        let at = self.world.simulator.anchor().to_map(here);
+        let corner = |x: f64, y: f64| [at.x() + x * HALF_M, at.y() + y * HALF_M];
+        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let walls: Vec<Segment> = (0..4)
+            .map(|i| {
+                let (a, b) = (corners[i], corners[(i + 1) % 4]);
+                Segment {
+                    a: corner(a.0, a.1),
+                    b: corner(b.0, b.1),
+                }
+            })
+            .collect();
+        self.world.simulator.raise(&walls);
     }
 }

@@ -2,6 +2,7 @@
 
 use super::plan::{Case, Fault};
 use crate::autopilot::door::Snapshot;
+use crate::autopilot::failsafes::TABLE;
 use crate::autopilot::mode::Because;
 use crate::io::truth::Row;
 use std::fmt;
@@ -51,8 +52,10 @@ pub struct Outcome {
     pub troubles: Vec<Trouble>,
     /// Fastest contact, m/s; none without any.
     pub contact_mps: Option<f64>,
-    /// Rows that acted.
+    /// Reasons that the mode had.
     pub because: Vec<Because>,
+    /// Rows of the table that acted or told.
+    pub rows: Vec<Because>,
     /// Length of the flight, s.
     pub duration_s: f64,
 }
@@ -133,6 +136,7 @@ impl Judge {
             troubles: vec![Trouble::NeverFlew],
             contact_mps: None,
             because: self.because,
+            rows: Vec::new(),
             duration_s: self.last.map_or(0.0, |row| row.t_s),
         }
     }
@@ -155,14 +159,21 @@ impl Judge {
         let is_blind = case
             .faults()
             .any(|f| matches!(f, Fault::FcSilent | Fault::FcNoisy));
-        if let Some(how) = self.flyaway.filter(|_| case.fault != Fault::MotorDead) {
+        let tumbles = case.faults().any(|f| f == Fault::MotorDead);
+        if let Some(how) = self.flyaway.filter(|_| !tumbles) {
             troubles.push(Trouble::Flyaway(how));
         } else if !(is_down || is_blind && self.is_on_floor()) {
             troubles.push(Trouble::Flyaway("not down in time"));
         }
+        let texts = texts[self.texts_before.min(texts.len())..].join("; ");
+        let mut seen: Vec<Because> = TABLE
+            .iter()
+            .map(|row| row.because)
+            .filter(|b| self.because.contains(b) || texts.contains(b.words()))
+            .collect();
+        seen.dedup();
         let rows: Vec<&Because> = case.faults().flat_map(|f| f.facts().rows).collect();
         if !rows.is_empty() {
-            let texts = texts[self.texts_before.min(texts.len())..].join("; ");
             let acted = rows.iter().any(|b| self.because.contains(b));
             let told = rows.iter().any(|b| texts.contains(b.words()));
             let was_down = self.because.iter().any(|b| b.is_failsafe());
@@ -176,6 +187,7 @@ impl Judge {
             troubles,
             contact_mps: self.contact_mps,
             because: self.because,
+            rows: seen,
             duration_s: self.last.map_or(0.0, |row| row.t_s),
         }
     }

@@ -2,6 +2,8 @@
 
 use super::judge::{Outcome, Trouble};
 use super::plan::{Case, Fault, FlownMode};
+use crate::autopilot::failsafes::TABLE;
+use crate::autopilot::mode::Because;
 use std::fmt::Write as _;
 
 /// Faults down, modes across: `good/flown`; then the troubles with the command that flies each again.
@@ -61,6 +63,15 @@ pub fn report(file: &str, flown: &[(Case, Outcome)]) -> String {
         "{good} of {} flights good; {hours:.1} h in the air",
         flown.len()
     );
+    let _ = writeln!(out, "flights in which each row acted or told:");
+    let mut named: Vec<Because> = Vec::new();
+    for because in TABLE.iter().map(|row| row.because) {
+        if !named.contains(&because) {
+            named.push(because);
+            let n = flown.iter().filter(|(_, o)| o.rows.contains(&because));
+            let _ = writeln!(out, "  {:36}{:>6}", because.words(), n.count());
+        }
+    }
     for (case, outcome) in flown.iter().filter(|(_, o)| !o.is_good()) {
         let troubles: Vec<String> = outcome.troubles.iter().map(Trouble::to_string).collect();
         let faults: Vec<&str> = case.faults().map(|f| f.facts().name).collect();

@@ -93,6 +93,9 @@ pub enum Fault {
     MotorDead,
     BatteryLow,
     BatteryCritical,
+    BatteryReserve,
+    WayBlocked,
+    PlaceJumps,
     Kidnapped,
     Hot,
     DiskFull,
@@ -118,7 +121,7 @@ pub struct FaultFacts {
 
 impl Fault {
     /// All.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 27] = [
         Self::None,
         Self::GroundSilent,
         Self::SticksStop,
@@ -135,6 +138,9 @@ impl Fault {
         Self::MotorDead,
         Self::BatteryLow,
         Self::BatteryCritical,
+        Self::BatteryReserve,
+        Self::WayBlocked,
+        Self::PlaceJumps,
         Self::Kidnapped,
         Self::Hot,
         Self::DiskFull,
@@ -192,6 +198,19 @@ impl Fault {
                 "battery-critical",
                 true,
                 &[Because::BatteryCritical, Because::BatterySags],
+            ),
+            // The way home became longer than the battery: told by the reserve that is asked for.
+            Self::BatteryReserve => row("battery-reserve", true, &[Because::BatteryReserve]),
+            // Walls that rise around it.
+            Self::WayBlocked => FaultFacts {
+                modes: &[FlownMode::Mission],
+                ..row("way-blocked", true, &[Because::NoProgress])
+            },
+            // Carried away where one jump is one too many.
+            Self::PlaceJumps => row(
+                "place-jumps",
+                false,
+                &[Because::PlaceJumps, Because::NotLocalized],
             ),
             // Until it has found its new place it may steer by the old one.
             Self::Kidnapped => row("kidnapped", false, &[]),

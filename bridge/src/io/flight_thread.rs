@@ -13,6 +13,7 @@ use super::line::{Line, LineError};
 use super::logger::FlightTap;
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
+use super::watchdog::Pulse;
 use crate::autopilot::door::{Answer, Asked, Event, HostReport, Snapshot};
 use crate::autopilot::flight::Flight;
 use crate::autopilot::insight::Insight;
@@ -72,6 +73,7 @@ pub enum News {
 pub struct FlightHandle {
     requests: SyncSender<Asked>,
     host: SyncSender<HostReport>,
+    pulse: Arc<Pulse>,
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
@@ -159,6 +161,7 @@ impl FlightHandle {
     pub(super) fn without_line(
         requests: SyncSender<Asked>,
         host: SyncSender<HostReport>,
+        pulse: Arc<Pulse>,
         wake: Arc<OwnedFd>,
         news: Receiver<News>,
         snapshot: Arc<Mutex<Snapshot>>,
@@ -167,6 +170,7 @@ impl FlightHandle {
         Self {
             requests,
             host,
+            pulse,
             wake,
             news,
             snapshot,
@@ -198,6 +202,12 @@ impl FlightHandle {
         let taken = self.requests.try_send(asked).is_ok();
         wake_up(&self.wake);
         taken
+    }
+
+    /// What the loops show of themselves, for the watchdog.
+    #[must_use]
+    pub fn pulse(&self) -> Arc<Pulse> {
+        Arc::clone(&self.pulse)
     }
 
     /// Tells how the computer is; the next report makes up for one that is lost.
@@ -247,6 +257,7 @@ pub fn start(
     let alive = Arc::new(());
     let (tell, news) = sync_channel(NEWS);
     let (host, reports) = sync_channel(REPORTS);
+    let pulse = Arc::<Pulse>::default();
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
@@ -261,6 +272,7 @@ pub fn start(
     let handle = FlightHandle {
         requests,
         host,
+        pulse: Arc::clone(&pulse),
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
@@ -281,6 +293,7 @@ pub fn start(
         lender,
         asked,
         reports,
+        pulse,
         sensed,
         _alive: alive,
         tell,
@@ -456,6 +469,7 @@ struct Shell {
     lender: Lender,
     asked: Receiver<Asked>,
     reports: Receiver<HostReport>,
+    pulse: Arc<Pulse>,
     sensed: Receiver<Sample>,
     /// Held by this thread as long as it runs.
     _alive: Arc<()>,
@@ -482,6 +496,7 @@ impl Shell {
         let _ = self.want_line.try_send(());
         loop {
             self.publish();
+            self.pulse.flight(self.was_armed);
             self.wait();
             self.lend_line();
             self.take_line();

@@ -19,6 +19,7 @@
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`inject`] | MAV_CMD_INJECT_FAILURE in the simulator |
+//! | [`watchdog`] | signs of life for systemd |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
 //! | [`logger`] | flight logs on disk, by a thread of their own |
 //! | [`uquad_thread`] | uQuad for real: the thread of its inertial unit, the thread of its motors |
@@ -50,3 +51,4 @@ pub mod timer;
 pub mod truth;
 pub mod uquad_lockstep;
 pub mod uquad_thread;
+pub mod watchdog;

@@ -9,6 +9,7 @@ use super::flight_thread::{FlightHandle, NEWS, News, REPORTS, REQUESTS, wake_up}
 use super::line::{Line, LineError};
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
+use super::watchdog::Pulse;
 use crate::autopilot::door::{Asked, HostReport, Snapshot};
 use crate::autopilot::io::FcBytes;
 use crate::autopilot::latency::Histogram;
@@ -90,6 +91,7 @@ pub fn start(
     let (requests, asked) = sync_channel(REQUESTS);
     let (tell, news) = sync_channel(NEWS);
     let (host, reports) = sync_channel(REPORTS);
+    let pulse = Arc::<Pulse>::default();
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
@@ -113,6 +115,7 @@ pub fn start(
     let handle = FlightHandle::without_line(
         requests,
         host,
+        Arc::clone(&pulse),
         Arc::clone(&wake),
         news,
         Arc::clone(&snapshot),
@@ -124,6 +127,7 @@ pub fn start(
         replay,
         asked,
         reports,
+        pulse,
         tell,
         messages,
         replies,
@@ -337,6 +341,7 @@ struct Shell {
     replay: Option<Replay>,
     asked: Receiver<Asked>,
     reports: Receiver<HostReport>,
+    pulse: Arc<Pulse>,
     tell: SyncSender<News>,
     messages: SyncSender<[u8; 4]>,
     replies: Receiver<UquadInput>,
@@ -356,6 +361,7 @@ impl Shell {
         let _ = self.tell.try_send(News::Realtime(Realtime::enter()));
         loop {
             self.publish();
+            self.pulse.flight(self.was_armed);
             self.wait();
             self.read_line();
             self.read_recording();
