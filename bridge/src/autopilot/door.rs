@@ -119,6 +119,49 @@ pub enum Request {
     RestartFc,
     /// A sensor whose messages come over a link. It is not answered.
     Sensed(Sample),
+    /// Break or mend something of a simulated vehicle; whoever simulates it carries it out, a real vehicle refuses.
+    Inject(Failure),
+}
+
+/// A failure to be injected (MAV_CMD_INJECT_FAILURE).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// What fails.
+    pub unit: FailureUnit,
+    /// How.
+    pub kind: FailureKind,
+    /// Which of them, from 1; 0 all.
+    pub instance: u8,
+}
+
+/// What fails (FAILURE_UNIT, as far as it is simulated).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FailureUnit {
+    /// Optical flow.
+    Flow,
+    /// Range finders.
+    Distance,
+    /// The battery.
+    Battery,
+    /// Motors.
+    Motor,
+    /// The line of the flight controller.
+    Controller,
+}
+
+/// How it fails (FAILURE_TYPE, as far as it is simulated).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FailureKind {
+    /// It works again.
+    Ok,
+    /// It says nothing, gives nothing.
+    Off,
+    /// It says the same for ever.
+    Stuck,
+    /// What it says is not so.
+    Wrong,
+    /// It comes and goes.
+    Intermittent,
 }
 
 /// Target of [`Request::GoTo`]; none keeps what is.
@@ -302,6 +345,21 @@ impl Step {
     }
 }
 
+/// How the computer is, as the shell finds it; once a second, and when something changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct HostReport {
+    /// Its hottest sensor, degrees Celsius.
+    pub temperature_c: Option<f64>,
+    /// It runs slower than it could, for heat or for want of voltage.
+    pub is_throttled: bool,
+    /// Flights are not being logged: the disk is full or broken.
+    pub disk_fails: bool,
+    /// The wall clock jumped by more than a second lately.
+    pub clock_jumped: bool,
+    /// Ground side, web or video are behind with their work.
+    pub is_overloaded: bool,
+}
+
 /// What became of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
@@ -439,6 +497,8 @@ pub enum Refusal {
     FcRefused,
     /// The motors of a craft without flight controller were stopped for a reason; the program must be started again.
     MotorsOff(Off),
+    /// Failures are injected in a simulator only.
+    NotSimulated,
 }
 
 impl Refusal {
@@ -455,7 +515,7 @@ impl Refusal {
             | Self::FcRefused
             | Self::NotArmed
             | Self::Armed => RefusalClass::Denied,
-            Self::Unsupported => RefusalClass::Unsupported,
+            Self::Unsupported | Self::NotSimulated => RefusalClass::Unsupported,
             _ => RefusalClass::NotNow,
         }
     }
@@ -505,6 +565,7 @@ impl fmt::Display for Refusal {
             Self::BenchBusy => write!(f, "a calibration, motor test or restart is under way"),
             Self::MotorTestOff => write!(f, "propellers off, then set KST_MOTOR_TEST to 1"),
             Self::FcRefused => write!(f, "the flight controller refuses it"),
+            Self::NotSimulated => write!(f, "failures are injected in the simulator only"),
             Self::PilotArms => write!(f, "the pilot arms and disarms with his radio"),
             Self::MotorsOff(why) => write!(f, "motors were stopped: {}; start again", why.words()),
             Self::PilotSteers => write!(
@@ -534,6 +595,21 @@ impl Because {
             Self::FcSilent => "flight controller silent",
             Self::LoopHeld => "flight loop held up",
             Self::PilotTookOver => "pilot took over",
+            Self::Toppled => "toppled over",
+            Self::Tilted => "tilted too far",
+            Self::Inconsistent => "estimate inconsistent",
+            Self::PlaceJumps => "place jumps",
+            Self::RangersStuck => "range finder stuck",
+            Self::BatteryCritical => "battery critical",
+            Self::BatterySags => "battery sags",
+            Self::NoProgress => "no progress",
+            Self::LoopOverrun => "flight loop too slow",
+            Self::FcSlow => "flight controller too slow",
+            Self::Hot => "computer too hot",
+            Self::Throttled => "computer throttled",
+            Self::DiskFails => "disk full, not logged",
+            Self::ClockJumped => "wall clock jumped",
+            Self::Overloaded => "ground side overloaded",
         }
     }
 }
@@ -686,6 +762,8 @@ pub enum Notice {
     },
     /// A failsafe's cause is gone.
     FailsafeCleared(Because),
+    /// A row of the table that only tells.
+    Trouble(Because),
     /// A request was refused.
     Refused(Refusal),
     /// The plan is done.
@@ -777,6 +855,7 @@ impl Notice {
             | Self::ImuPeriod { .. }
             | Self::PilotOffers => Severity::Warning,
             Self::FcStalled => Severity::Error,
+            Self::Trouble(_) => Severity::Warning,
             Self::FcSlow { .. } => Severity::Notice,
             _ => Severity::Info,
         }
@@ -821,6 +900,7 @@ impl fmt::Display for Notice {
                 write!(f, "Failsafe: {}: {}", because.words(), mode.name())
             }
             Self::FailsafeCleared(because) => write!(f, "Failsafe cleared: {}", because.words()),
+            Self::Trouble(because) => write!(f, "Warning: {}", because.words()),
             Self::Refused(why) => write!(f, "Refused: {why}"),
             Self::MissionFinished => write!(f, "Mission finished"),
             Self::ItemRefused { seq, why } => write!(f, "Mission item {seq}: {why}"),

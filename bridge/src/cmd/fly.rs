@@ -1,7 +1,7 @@
 //! `kestrel fly`: the real thing.
 
 use super::fc::passthrough::open_door;
-use super::session::{LogWatch, end_log};
+use super::session::end_log;
 use super::sim::{AirframeArg, StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
@@ -15,6 +15,7 @@ use bridge::io::bench_line::BenchLine;
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
 use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
+use bridge::io::host::HostWatch;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
 use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
@@ -590,10 +591,17 @@ impl GroundLoop {
         let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
-        let mut log_watch = LogWatch::default();
+        let pulse = self.handle.pulse();
+        if let Err(e) = bridge::io::watchdog::start(Arc::clone(&pulse)) {
+            self.terminal
+                .line(&format!("  systemd's watchdog cannot be told: {e}"));
+        }
+        let mut host_watch = HostWatch::default();
+        let mut host_pace = Pace::hz(1.0);
         // Made at first use, which would hold up the first station that asks.
         std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
+            pulse.ground();
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
                 let Some(e) = event.take() else { break };
@@ -667,8 +675,10 @@ impl GroundLoop {
                 self.ground.snapshot(now, &snapshot);
                 self.record(|| GroundRecord::Snapshot(Box::new(snapshot.clone())));
             }
-            if let Some(text) = log_watch.news(self.log.as_ref()) {
-                self.ground.say(now, Severity::Warning, text);
+            if host_pace.is_due(now) {
+                let disk_fails = self.log.as_ref().is_some_and(LogThread::is_failing);
+                let dropped = self.ground.counters().dropped_answers;
+                self.handle.tell_host(host_watch.look(disk_fails, dropped));
             }
             if self.ground.deadline() <= now {
                 self.ground.tick(now);

@@ -1,7 +1,9 @@
 //! Sub-commands of the program, one file each.
 
 pub(crate) mod demo;
+pub(crate) mod doctor;
 pub(crate) mod eval;
+pub(crate) mod experiment;
 pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;

@@ -16,14 +16,16 @@ use super::reference::{Goal, Reference, Turn};
 use super::{Said, Step, UquadConfig, UquadError};
 use crate::autopilot::arbiter::{Arbiter, Order};
 use crate::autopilot::door::{
-    Answer, Asked, Event, FcStatus, Key, Notice, Outcome, Refusal, Request, Snapshot,
+    Answer, Asked, Event, FcStatus, HostReport, Key, Notice, Outcome, Refusal, Request, Snapshot,
 };
+use crate::autopilot::failsafes::{Facts, TABLE};
 use crate::autopilot::flight::Start;
 use crate::autopilot::io::FcBytes;
 use crate::autopilot::latency::Histogram;
 use crate::autopilot::mode::{Because, Mode};
 use crate::autopilot::modes::{Air, Cockpit};
-use crate::autopilot::supervisor::{Facts, Supervisor, Verdict};
+use crate::autopilot::supervisor::{Supervisor, Verdict};
+use crate::autopilot::watch::{Look, Watch};
 use crate::sensor::ring::{Measured, Ring};
 use crate::settings::{Origin, Settings};
 use arrayvec::ArrayVec;
@@ -85,6 +87,8 @@ pub enum UquadInput {
     Designed(Result<Design, LqrError>),
     /// Speeds that the motors turn at whatever the law says, rad/s: typed on the bench.
     Speeds([f64; 4]),
+    /// The computer tells how it is.
+    Host(HostReport),
     /// Only time has passed.
     Wake,
 }
@@ -152,6 +156,7 @@ pub struct UquadFlight {
     navigator: Navigator,
     arbiter: Arbiter,
     supervisor: Supervisor,
+    watch: Watch,
     air: Air,
     home: In<Ned>,
     home_yaw_rad: f64,
@@ -246,6 +251,7 @@ impl UquadFlight {
             navigator,
             arbiter,
             supervisor: Supervisor::default(),
+            watch: Watch::default(),
             air: Air::Ground,
             home: In::zero(),
             home_yaw_rad,
@@ -311,6 +317,7 @@ impl UquadFlight {
                 }
             }
             UquadInput::Speeds(speeds) => self.aircraft.believe_instead(speeds),
+            UquadInput::Host(report) => self.watch.host = report,
             UquadInput::Wake => {}
         }
         self.watch_phase(now);
@@ -487,6 +494,7 @@ impl UquadFlight {
         for m in measured {
             match m {
                 Measured::Scan(scan) => {
+                    self.watch.ranger(reading, self.nav.position);
                     self.estimator.scan(&scan);
                     self.navigator.observe(&scan, &self.nav);
                 }
@@ -507,6 +515,7 @@ impl UquadFlight {
         let dt_s = now.since(self.last_plan).as_secs_f64().clamp(1e-3, 0.2);
         self.last_plan = now;
         self.snapshot.flight_loop.ticks += 1;
+        self.keep_watch(now, dt_s);
         self.supervise(now);
         let touched = self.touched_down;
         let order = self.with_cockpit(now, dt_s, |arbiter, c| arbiter.step(c, touched));
@@ -553,10 +562,30 @@ impl UquadFlight {
         result
     }
 
+    fn keep_watch(&mut self, now: Timestamp, dt_s: f64) {
+        let nav = self.seen();
+        self.watch.look(&Look {
+            now,
+            dt_s,
+            nav: &nav,
+            is_flying: self.air == Air::Flying,
+            // Its own filter is its attitude: nothing can be refused.
+            tilt_refused_s: 0.0,
+            setpoint: self.snapshot.setpoint,
+            battery: None,
+            fc_rate_hz: None,
+            beats: (self.snapshot.flight_loop.ticks, 0),
+            params: &self.settings.autopilot,
+        });
+    }
+
     fn supervise(&mut self, now: Timestamp) {
         let since =
             |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
         let has_ring = self.ring.is_some();
+        let watched = self
+            .watch
+            .facts(now, self.nav.position, &self.settings.autopilot);
         let facts = Facts {
             mode: self.arbiter.mode().mode,
             is_flying: self.air == Air::Flying,
@@ -575,14 +604,10 @@ impl UquadFlight {
             ground_silent_s: self.ground_heard.map(|at| now.since(at).as_secs_f64()),
             offboard_silent_s: self.arbiter.offboard_silent_s(now),
             manual_silent_s: self.arbiter.manual_silent_s(now),
-            battery: None,
-            spare_s: None,
-            // The aircraft has its own rules for a silent inertial unit: they stop the motors.
-            fc_silent_s: 0.0,
-            loop_gap_s: 0.0,
-            params: &self.settings.autopilot,
+            // No battery is measured. For a silent inertial unit the aircraft has its own rules: they stop the motors.
+            ..watched
         };
-        let mut verdicts = ArrayVec::<Verdict, 16>::new();
+        let mut verdicts = ArrayVec::<Verdict, { 2 * TABLE.len() }>::new();
         self.supervisor.watch(&facts, |v| {
             let _ = verdicts.try_push(v);
         });
@@ -592,6 +617,17 @@ impl UquadFlight {
                     let notice = Notice::Failsafe { because, mode };
                     self.emit(UquadOutput::Event(Event::Notice(notice)));
                     self.with_cockpit(now, 0.0, |arbiter, c| arbiter.enter(c, mode, because));
+                }
+                Verdict::Stop(because) => {
+                    let mode = self.arbiter.mode().mode;
+                    let notice = Notice::Failsafe { because, mode };
+                    self.emit(UquadOutput::Event(Event::Notice(notice)));
+                    self.with_cockpit(now, 0.0, |arbiter, c| arbiter.enter(c, Mode::Land, because));
+                    self.disarm(now);
+                }
+                Verdict::Tell(because) => {
+                    let notice = Notice::Trouble(because);
+                    self.emit(UquadOutput::Event(Event::Notice(notice)));
                 }
                 Verdict::Clear(because) => {
                     let notice = Notice::FailsafeCleared(because);
