@@ -30,6 +30,9 @@ const TABLE = {
     avoid: 'Avoid', avoid_why: 'Fly round obstacles (VFH_ENABLE)', evade: 'Give way', evade_why: 'Step aside for people (AVOID_EVADE)', search_place: 'Find place', search_place_why: 'Take off and look round when the place is not known (LOC_SEARCH)',
     live: 'Live', replay: 'Replay', play: 'Play', save_recording: 'Save this recording', open_recording: 'Open a recording', not_a_recording: 'This is not a recording of this console', replay_click: 'This is a replay: go back to live to fly',
     keys: 'Esc stops · T takes off · L lands · 0 whole plan', failed: '{what}: {why}', ago: '{n} s ago', percent: '{n} %',
+    vehicles: 'Vehicles', open: 'Open', reachable: 'There', not_yours: 'Not assigned to you', no_vehicles: 'No vehicle is assigned to you: ask an administrator.', no_vehicles_admin: 'No vehicle yet: add the first one.',
+    add_vehicle: 'Add vehicle', vehicle_url: 'Address with its key', vehicle_name: 'Name here (or what it calls itself)', vehicle_url_why: '“kestrel passwd --key NAME” on the drone prints it; a simulator’s link does as well.', assigned_to: 'Assigned to', assign: 'Assign to {who}', take_away: 'Take away from {who}',
+    look_again: 'Replay', looking: 'The drone flies the log again …',
   },
   es: {
     title: 'Consola Kestrel', login: 'Entrar', logout: 'Salir', user: 'Usuario', password: 'Contraseña', enter: 'Entrar',
@@ -60,6 +63,9 @@ const TABLE = {
     avoid: 'Esquivar', avoid_why: 'Rodear obstáculos (VFH_ENABLE)', evade: 'Ceder paso', evade_why: 'Apartarse de las personas (AVOID_EVADE)', search_place: 'Buscar', search_place_why: 'Despegar y mirar alrededor si el lugar no se conoce (LOC_SEARCH)',
     live: 'En vivo', replay: 'Repetición', play: 'Reproducir', save_recording: 'Guardar esta grabación', open_recording: 'Abrir una grabación', not_a_recording: 'Esto no es una grabación de esta consola', replay_click: 'Esto es una repetición: vuelva a en vivo para volar',
     keys: 'Esc para · T despega · L aterriza · 0 todo el plano', failed: '{what}: {why}', ago: 'hace {n} s', percent: '{n} %',
+    vehicles: 'Drones', open: 'Abrir', reachable: 'Disponible', not_yours: 'No asignado a usted', no_vehicles: 'No tiene ningún dron asignado: pídalo a un administrador.', no_vehicles_admin: 'Aún no hay drones: añada el primero.',
+    add_vehicle: 'Añadir dron', vehicle_url: 'Dirección con su clave', vehicle_name: 'Nombre aquí (o el suyo propio)', vehicle_url_why: '«kestrel passwd --key NOMBRE» en el dron la muestra; también sirve el enlace de un simulador.', assigned_to: 'Asignado a', assign: 'Asignar a {who}', take_away: 'Quitar a {who}',
+    look_again: 'Repetir', looking: 'El dron vuela el registro otra vez …',
   },
 };
 

@@ -10,7 +10,10 @@
     reason = "a test program prints its figures and fails where it stands"
 )]
 
+mod beside;
 mod client;
+mod fleet;
+mod latency;
 mod vehicle;
 
 use bridge::autopilot::mode::Mode;
@@ -24,15 +27,20 @@ use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::{Address, Encoder, raw};
 use serde_json::json;
 use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
 use std::time::Duration;
 use vehicle::{PASSWORD, Vehicle, start, start_with};
 
 const SECOND: Duration = Duration::from_secs(1);
 
 fn rows(vehicle: &Vehicle, log: Log) -> Vec<String> {
+    rows_in(&vehicle.folder, log)
+}
+
+fn rows_in(folder: &Path, log: Log) -> Vec<String> {
     // Notes are written by a thread of their own.
     bridge::io::clock::sleep(Duration::from_millis(150));
-    let books = Books::open(Some(&vehicle.folder.join(FILE))).unwrap();
+    let books = Books::open(Some(&folder.join(FILE))).unwrap();
     books
         .rows(log, 100)
         .unwrap()
@@ -336,6 +344,43 @@ fn a_changed_role_ends_the_sessions_and_a_removed_user_cannot_log_in() {
         log.contains(&"admin: removed user pilot".to_owned()),
         "{log:?}"
     );
+}
+
+/// What `kestrel passwd` does beside a running program.
+#[test]
+fn a_password_or_role_changed_by_another_program_ends_the_open_sessions_of_that_user_only() {
+    let vehicle = start();
+    let other = Browser::logged_in(vehicle.address, "pilot2");
+    let mut page = other.page();
+    let books = Books::open(Some(&vehicle.folder.join(FILE))).unwrap();
+    let hash = bridge::web::password::hash("another long secret").unwrap();
+    for change in ["password", "role", "removal"] {
+        let pilot = Browser::logged_in(vehicle.address, "pilot");
+        let mut open = pilot.page();
+        match change {
+            "password" => {
+                let same = bridge::web::password::hash(PASSWORD).unwrap();
+                books
+                    .set_user("pilot", Some(&hash), None, None, None)
+                    .and_then(|_| books.set_user("pilot", Some(&same), None, None, None))
+                    .unwrap();
+            }
+            "role" => {
+                books
+                    .set_user("pilot", None, Some(Role::Viewer), None, None)
+                    .unwrap();
+            }
+            _ => {
+                books.remove_user("pilot").unwrap();
+            }
+        }
+        page.beat();
+        assert!(open.pump(3 * SECOND, |p| p.closed.is_some()), "{change}");
+        assert_eq!(open.closed, Some(4001), "{change}");
+        assert_eq!(pilot.get("/api/session").status, 401, "{change}");
+    }
+    page.pump(Duration::from_millis(300), |_| false);
+    assert_eq!((page.closed, other.get("/api/session").status), (None, 200));
 }
 
 #[test]

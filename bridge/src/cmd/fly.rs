@@ -534,7 +534,7 @@ fn place_name(map: &Path) -> String {
 }
 
 /// What this machine is called by others.
-fn host_names() -> Vec<String> {
+pub(crate) fn host_names() -> Vec<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim().to_ascii_lowercase();
     if name.is_empty() {

@@ -1,5 +1,6 @@
 //! Sub-commands of the program, one file each.
 
+pub(crate) mod console;
 pub(crate) mod demo;
 pub(crate) mod doctor;
 pub(crate) mod eval;
