@@ -64,6 +64,9 @@ enum Command {
     Log(cmd::log::LogArgs),
     /// Fly a recorded flight again, compare, or with other parameters.
     Replay(cmd::replay::ReplayArgs),
+    /// The camera's picture: for players, and a recording to try things with.
+    #[cfg(feature = "video")]
+    Video(cmd::video::VideoArgs),
 }
 
 fn main() -> ExitCode {
@@ -90,6 +93,8 @@ fn main() -> ExitCode {
         Command::Eval(args) => cmd::eval::run(args),
         Command::Log(args) => cmd::log::run(args),
         Command::Replay(args) => cmd::replay::run(args),
+        #[cfg(feature = "video")]
+        Command::Video(args) => cmd::video::run(&args),
     };
     match result {
         Ok(code) => code,

@@ -10,6 +10,7 @@ import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
+import { videoTests } from './video.mjs';
 
 const root = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../..');
 const require = createRequire(path.join(process.env.KESTREL_NODE_MODULES ?? path.join(root, 'target/browser'), 'x.js'));
@@ -397,6 +398,8 @@ const TESTS = {
     } finally { await program.stop(); }
   },
 };
+
+Object.assign(TESTS, videoTests({ Program, open, waitFor, check, sleep, pictures, busy: !!process.env.KESTREL_BUSY }));
 
 const only = process.argv[2];
 for (const [name, test] of Object.entries(TESTS)) {

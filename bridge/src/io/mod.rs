@@ -14,6 +14,7 @@
 //! | [`terminal`] | pseudo terminals that simulated devices speak on |
 //! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
+//! | `camera` | the thread of the camera: pictures to browsers and ground stations |
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`truth`] | `--truth` CSV: the only reader of the simulator's truth |
@@ -24,6 +25,12 @@
 //! | [`keep`] | documents on disk, written atomically |
 
 pub mod bench_line;
+#[cfg(feature = "video")]
+pub mod camera;
+#[cfg(feature = "video")]
+mod camera_feed;
+#[cfg(feature = "video")]
+mod camera_rtp;
 pub mod clock;
 pub mod endpoint;
 pub mod firmware;

@@ -5,6 +5,7 @@ use super::ledger::{Books, FILE, Ledger, LedgerError, Note};
 use super::picture::Picture;
 use super::role::Role;
 use super::sessions::{Session, SessionId, Sessions};
+use super::signal::{Desk, VIEWERS};
 use super::throttle::Throttle;
 use super::{listener, password, tls};
 use crate::gcs::disk::Folder;
@@ -56,6 +57,8 @@ pub struct ConsoleConfig {
     pub plan: Arc<FloorPlan>,
     /// Its parameters, for their descriptions.
     pub settings: Settings,
+    /// Its camera, if it has one.
+    pub camera: Option<Arc<dyn Desk>>,
 }
 
 /// Why there is no console.
@@ -150,6 +153,8 @@ impl Console {
             entry: Mutex::new(Entry::Password),
             hashing: Semaphore::new(1),
             sockets: AtomicUsize::new(0),
+            camera: config.camera,
+            viewers: Arc::new(Semaphore::new(VIEWERS)),
             tell,
             address,
         });
@@ -239,6 +244,8 @@ pub(super) struct Server {
     /// One password at a time: the flight loop has the other cores.
     hashing: Semaphore,
     sockets: AtomicUsize,
+    pub(super) camera: Option<Arc<dyn Desk>>,
+    pub(super) viewers: Arc<Semaphore>,
     tell: SyncSender<String>,
     address: SocketAddr,
 }

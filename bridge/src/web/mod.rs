@@ -15,6 +15,7 @@
 //! | `gate` | host, origin, session and role of every request; headers of every answer |
 //! | `routes` | the table of all routes and what each does |
 //! | `socket` | one page's WebSocket |
+//! | [`signal`] | the WebSocket of the camera's viewers |
 //! | `pages` | the page's files, in the binary |
 
 pub mod console;
@@ -29,6 +30,7 @@ pub mod picture;
 pub mod role;
 mod routes;
 pub mod sessions;
+pub mod signal;
 mod socket;
 pub mod throttle;
 mod tls;

@@ -6,7 +6,7 @@ use super::ledger::{Log, Note};
 use super::password;
 use super::role::Role;
 use super::sessions::{Session, SessionId};
-use super::{gate, pages, socket};
+use super::{gate, pages, signal, socket};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{HeaderValue, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse as _, Response};
@@ -108,6 +108,12 @@ pub(super) const TABLE: &[Route] = &[
         path: "/api/socket",
         access: Needs(Role::Viewer),
         handler: || get(socket::open),
+    },
+    Route {
+        method: Get,
+        path: "/signal",
+        access: Needs(Role::Viewer),
+        handler: || get(signal::open),
     },
     Route {
         method: Get,
@@ -258,6 +264,7 @@ fn described(session: &Session, server: &Server) -> serde_json::Value {
         "role": session.role.name(),
         "system": session.system,
         "vehicle": { "system": server.us.system, "component": server.us.component, "name": server.vehicle },
+        "camera": server.camera.is_some(),
         "version": env!("CARGO_PKG_VERSION"),
     })
 }
