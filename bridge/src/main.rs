@@ -70,6 +70,9 @@ enum Command {
     Experiment(cmd::experiment::ExperimentArgs),
     /// Fly a recorded flight again, compare, or with other parameters.
     Replay(cmd::replay::ReplayArgs),
+    /// The camera's picture: for players, and a recording to try things with.
+    #[cfg(feature = "video")]
+    Video(cmd::video::VideoArgs),
 }
 
 fn main() -> ExitCode {
@@ -99,6 +102,8 @@ fn main() -> ExitCode {
         Command::Log(args) => cmd::log::run(args),
         Command::Experiment(args) => cmd::experiment::run(&args),
         Command::Replay(args) => cmd::replay::run(args),
+        #[cfg(feature = "video")]
+        Command::Video(args) => cmd::video::run(&args),
     };
     match result {
         Ok(code) => code,

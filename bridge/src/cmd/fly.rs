@@ -1,5 +1,6 @@
 //! `kestrel fly`: the real thing.
 
+use super::camera::{CameraArgs, CameraSeat};
 use super::fc::passthrough::open_door;
 use super::session::end_log;
 use super::sim::{AirframeArg, StartArg, parse_endpoints};
@@ -107,9 +108,8 @@ pub(crate) struct FlyArgs {
     /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
     #[arg(long, value_name = "URL")]
     passthrough: Option<String>,
-    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
-    #[arg(long, value_name = "URL")]
-    video: Option<String>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Open the console, the page in a browser, at this address (127.0.0.1:8443 if none is named). Other machines reach it only
     /// when somebody has a password: see `kestrel passwd`.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
@@ -173,6 +173,8 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let listen = args.console.map(|a| a.ip());
+    let camera = args.camera.start(&mut ground, listen, None)?;
     let console_config = args.console.map(|listen| ConsoleConfig {
         listen,
         is_default: false,
@@ -183,6 +185,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         us: our_address(&settings),
         plan: Arc::clone(&plan),
         settings: settings.clone(),
+        camera: camera.desk(),
     });
     let config = FlightConfig {
         plan,
@@ -215,7 +218,6 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         ground.say(clock.now(), Severity::Warning, why);
     }
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
-    ground.set_video(super::video(args.video.as_deref())?);
     if let Some(feed) = suite.mavlink {
         ground.listen_to_sensors(feed);
     }
@@ -254,6 +256,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         handle,
         links,
         console,
+        camera: Some(camera),
         keep,
         log,
         tap: ground_tap,
@@ -475,6 +478,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         handle,
         links,
         console: None,
+        camera: None,
         keep,
         log: None,
         tap: None,
@@ -561,6 +565,7 @@ struct GroundLoop {
     handle: FlightHandle,
     links: Links,
     console: Option<Console>,
+    camera: Option<CameraSeat>,
     keep: Keep,
     log: Option<LogThread>,
     tap: Option<GroundTap>,
@@ -657,6 +662,9 @@ impl GroundLoop {
                     }
                 }
                 self.carry_out();
+            }
+            while let Some(line) = self.camera.as_ref().and_then(CameraSeat::poll_told) {
+                self.terminal.line(&format!("  {line}"));
             }
             while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
                 self.terminal.line(&format!("  {text}"));

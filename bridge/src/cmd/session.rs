@@ -1,5 +1,6 @@
 //! A simulated vehicle behind sockets until somebody says stop.
 
+use super::camera::CameraSeat;
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
@@ -17,6 +18,7 @@ use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
 use bridge::io::uquad_lockstep::UquadLockstep;
 use bridge::web::{Console, Picture};
+use sim::camera::Shot;
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -84,6 +86,8 @@ pub(crate) trait World {
     fn host(&mut self, report: HostReport);
     fn poll(&mut self) -> Option<Outgoing>;
     fn flush(&mut self);
+    /// What its camera sees.
+    fn shot(&self) -> Shot;
     fn write_error(&mut self) -> Option<std::io::Error>;
     /// The brain, if it is the one whose thoughts the console shows.
     fn flight(&self) -> Option<&Flight> {
@@ -135,6 +139,9 @@ macro_rules! world {
             fn flush(&mut self) {
                 <$world>::flush(self);
             }
+            fn shot(&self) -> Shot {
+                self.simulator.shot(0)
+            }
             fn write_error(&mut self) -> Option<std::io::Error> {
                 self.write_error.take()
             }
@@ -158,6 +165,7 @@ pub(crate) struct Session<W> {
     pub(crate) lockstep: W,
     pub(crate) links: Links,
     pub(crate) console: Option<Console>,
+    pub(crate) camera: CameraSeat,
     pub(crate) keep: Keep,
     pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
@@ -288,6 +296,11 @@ impl<W: World> Session<W> {
 
     /// Shows the vehicle to the console's pages.
     fn show(&mut self, known: &BTreeSet<LinkId>) {
+        let world = &self.lockstep;
+        self.camera.show(|| Some(world.shot()));
+        while let Some(line) = self.camera.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
         let Some(console) = &mut self.console else {
             return;
         };
