@@ -144,7 +144,9 @@ impl Craft {
             self.post(now, FLOW_LATENCY, SimOutput::Flow(sample));
         }
         while let Some(burst) = self.fc.deliver(now) {
-            let is_noise = self.faults.contains(&Fault::FcNoisy) && now.us() / 1_000 % 120 >= 15;
+            let ms = now.us() / 1_000;
+            let is_noise = self.faults.contains(&Fault::FcNoisy) && ms % 120 >= 15
+                || self.faults.contains(&Fault::FcLossy) && ms % 40 >= 20;
             if !self.faults.contains(&Fault::FcSilent) && !is_noise {
                 let (at, bytes) = (burst.at, burst.bytes);
                 out(shared.index, SimOutput::FcBytes { at, bytes });

@@ -64,6 +64,8 @@ pub enum Fault {
     MotorDead(u8),
     /// Noise on the UART: of each 0.12 s of the flight controller's bytes only 15 ms arrive.
     FcNoisy,
+    /// A worn connector: of each 40 ms of the flight controller's bytes 20 ms arrive.
+    FcLossy,
     /// The line of a lidar of its own is silent.
     LaserSilent(u8),
 }

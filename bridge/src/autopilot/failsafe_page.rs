@@ -28,7 +28,7 @@ Where a row ends in Land, the descent is vertical, by the height sensors that st
 | the way leads out of the fence | `GF_ACTION`: Hold by default, before the border | `files.fence_stops_the_vehicle_and_outlives_the_program` |
 | STOP (any station) | Hold; again within 3 s: Land | `stop_holds_and_stop_again_lands` |
 | first Ctrl-C, SIGTERM, SIGHUP | Land, logging goes on until it is down; then the program ends | `shutting_down_in_flight_lands_first` |
-| second one | the program ends at once: the flight controller's own failsafe (below) | - |
+| second one | the motors stop at once, wherever it is, and the program ends (beside a radio the pilot's switch decides) | `deployment.the_second_ctrl_c_stops_the_motors` |
 | a thread of links, logs, web or video panics or hangs | the flight thread goes on; links that are gone are a lost ground station | `a_lost_ground_station_lands_the_vehicle` |
 | the flight thread panics or never comes back | the keeper, a thread of its own with the line, sends sticks level and 95 % of the hover throttle for 1.5 s, then falls silent: the flight controller's own failsafe (below), set by `kestrel fc provision` | `a_flight_thread_that_never_comes_back_is_brought_down_without_it` |
 

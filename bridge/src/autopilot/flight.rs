@@ -596,6 +596,9 @@ impl Flight {
     // ---- sensors of the companion computer ---------------------------------------------------------------------
 
     fn range(&mut self, reading: &vehicle::RangerReading) {
+        if self.ring.looks_around(reading) {
+            self.watch.ranger(reading, self.estimator.state().position);
+        }
         let mut measured = ArrayVec::<Measured, 2>::new();
         self.ring.read(reading, |m| {
             let _ = measured.try_push(m);
@@ -603,7 +606,6 @@ impl Flight {
         for m in measured {
             match m {
                 Measured::Scan(scan) => {
-                    self.watch.ranger(reading, self.estimator.state().position);
                     self.estimator.scan(&scan);
                     self.navigator.observe(&scan, self.estimator.state());
                 }

@@ -2,9 +2,11 @@
 
 use super::term::Terminal;
 use anyhow::{Context as _, Result, anyhow};
+use bridge::autopilot::door::Snapshot;
 use bridge::experiment::flight::FlyError;
-use bridge::experiment::{Campaign, Case, Outcome, fly, report};
+use bridge::experiment::{Campaign, Case, Outcome, fly, report, watch};
 use bridge::io::clock::monotonic_ns;
+use bridge::io::truth::Row;
 use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -14,7 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Fly seeded faults in simulated rooms and judge every flight by the truth.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The file says what is combined; each list may be left out, then it holds everything there is:\n\n  rooms = [\"office\", \"corridor\", \"maze\"]\n  modes = [\"hold\", \"position\", \"mission\", \"offboard\"]\n  faults = [\"none\", \"ground-silent\", \"rangers-silent\", \"loop-held\"]\n  seeds = 100\n  [params]\n  LOC_LOST_T = 2.0\n\nExamples:\n  kestrel experiment docs/examples/faults.toml --seeds 100\n  kestrel experiment docs/examples/faults.toml --seed 17      one flight again, with its texts\n\nExit code 1 if a flight went wrong: a contact above 0.3 m/s where a safe way exists, a flyaway, a silent failure, a wrong answer."
+    after_help = "The file says what is combined; each list may be left out, then it holds everything there is:\n\n  rooms = [\"office\", \"corridor\", \"maze\"]\n  modes = [\"hold\", \"position\", \"mission\", \"offboard\"]\n  faults = [\"none\", \"ground-silent\", \"rangers-silent\", \"loop-held\"]\n  seeds = 100\n  [params]\n  LOC_LOST_T = 2.0\n\nExamples:\n  kestrel experiment docs/examples/faults.toml --seeds 100\n  kestrel experiment docs/examples/faults.toml --seed 17      one flight again, with its texts\n  kestrel experiment docs/examples/faults.toml --seed 17 --trace   the same, watched\n\nExit code 1 if a flight went wrong: a contact above 0.3 m/s where a safe way exists, a flyaway, a silent failure, a wrong answer."
 )]
 pub(crate) struct ExperimentArgs {
     /// The campaign.
@@ -26,6 +28,9 @@ pub(crate) struct ExperimentArgs {
     /// This flight only (repeatable).
     #[arg(long, value_name = "SEED", conflicts_with = "seeds")]
     seed: Vec<u64>,
+    /// Truth beside belief, five times a second, of the flights of --seed.
+    #[arg(long, requires = "seed")]
+    trace: bool,
     /// Flights at once; default: one for each processor.
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -50,7 +55,11 @@ pub(crate) fn run(args: &ExperimentArgs) -> Result<ExitCode> {
         .or_else(|| std::thread::available_parallelism().ok().map(usize::from))
         .unwrap_or(1);
     let began_ns = monotonic_ns();
-    let flown = fly_all(&campaign, &seeds, jobs)?;
+    let flown = if args.trace {
+        trace_all(&campaign, &seeds, &mut terminal)?
+    } else {
+        fly_all(&campaign, &seeds, jobs)?
+    };
     let matrix = report(&file, &flown);
     terminal.line(matrix.trim_end());
     terminal.line(&format!(
@@ -69,6 +78,58 @@ pub(crate) fn run(args: &ExperimentArgs) -> Result<ExitCode> {
     }
     let is_good = flown.iter().all(|(_, outcome)| outcome.is_good());
     Ok(ExitCode::from(u8::from(!is_good)))
+}
+
+/// Flies all, one after the other, for somebody who watches.
+fn trace_all(
+    campaign: &Campaign,
+    seeds: &[u64],
+    terminal: &mut Terminal,
+) -> Result<Vec<(Case, Outcome)>> {
+    let mut flown = Vec::new();
+    for seed in seeds {
+        let case = campaign.case(*seed);
+        let mut looks = 0_u32;
+        let outcome = watch(campaign, &case, &mut |row: &Row, s: &Snapshot| {
+            looks += 1;
+            if looks.is_multiple_of(40) {
+                terminal.line(&line(row, s));
+            }
+        })?;
+        flown.push((case, outcome));
+    }
+    Ok(flown)
+}
+
+/// Where it is, where it believes to be, how fast, why.
+fn line(row: &Row, s: &Snapshot) -> String {
+    let [x, y, z] = row.position;
+    let [ex, ey, ez] = row.est_position;
+    let v = s.nav.velocity;
+    let health = s.nav.health;
+    let flags = [
+        (health.attitude, 'a'),
+        (health.height, 'h'),
+        (health.velocity, 'v'),
+        (health.position, 'p'),
+    ];
+    let flags: String = flags
+        .map(|(is, c)| if is { c } else { '-' })
+        .into_iter()
+        .collect();
+    format!(
+        "{:6.1} s true {x:6.2} {y:6.2} {z:6.2} yaw {:5.2} believed {ex:6.2} {ey:6.2} {ez:6.2} yaw {:5.2} v {:5.2} {:5.2} {:5.2} {flags} {:?}/{:?} {:?}{}",
+        row.t_s,
+        row.yaw_rad,
+        row.est_yaw_rad,
+        v.x(),
+        v.y(),
+        v.z(),
+        s.mode.mode,
+        s.mode.because,
+        s.nav.localization.state,
+        if row.contact { " CONTACT" } else { "" },
+    )
 }
 
 /// Flies all, several at once, in the order of their seeds.

@@ -46,6 +46,8 @@ const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
 const LOOK: Duration = Duration::from_millis(2);
 /// A controller that has not said who it is after this does not hear us, or we not it.
 const FIRST_ANSWER: Duration = Duration::from_secs(6);
+/// What stopping the motors may take, and the frames that say so.
+const CUT: Duration = Duration::from_millis(200);
 /// Longest landing before the program ends anyway.
 const LANDING: Duration = Duration::from_secs(30);
 
@@ -713,7 +715,7 @@ impl GroundLoop {
                 (1, None) => {
                     stopping_since = Some(now);
                     self.terminal
-                        .line("  Stopping: landing first (Ctrl-C again ends at once)");
+                        .line("  Stopping: landing first (Ctrl-C again stops the motors at once)");
                     let asked = Asked {
                         id: RequestId(0),
                         station: Station::default(),
@@ -728,7 +730,10 @@ impl GroundLoop {
                         break;
                     }
                 }
-                _ => break,
+                _ => {
+                    self.cut_motors(&mut snapshot);
+                    break;
+                }
             }
         }
         if let Some(log) = self.log.take() {
@@ -736,6 +741,28 @@ impl GroundLoop {
         }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Whoever asks twice wants it still, wherever it is.
+    fn cut_motors(&mut self, snapshot: &mut Snapshot) {
+        let asked = Asked {
+            id: RequestId(0),
+            station: Station::default(),
+            request: Request::Disarm { force: true },
+        };
+        let _ = self.handle.ask(asked);
+        let until = self.clock.now() + CUT;
+        while snapshot.is_armed && self.clock.now() < until {
+            clock::sleep(LOOK);
+            self.handle.read_snapshot(snapshot);
+        }
+        self.terminal.line(if snapshot.is_armed {
+            "  The motors could not be stopped: the flight controller's own failsafe decides"
+        } else {
+            "  Motors stopped"
+        });
+        // The frame that says so must reach the controller before its line is closed.
+        clock::sleep(CUT);
     }
 
     /// Shows the vehicle to the console's pages.

@@ -2,7 +2,7 @@
 
 use super::judge::{Judge, Outcome};
 use super::plan::{Campaign, Case, Dice, Fault, FlownMode};
-use crate::autopilot::door::{HostReport, Request};
+use crate::autopilot::door::{HostReport, Request, Snapshot};
 use crate::autopilot::flight::Start;
 use crate::gcs::LinkId;
 use crate::io::lockstep::{Lockstep, LockstepConfig, Outgoing};
@@ -45,7 +45,19 @@ pub enum FlyError {
 /// # Errors
 /// The campaign names a room or a parameter that does not exist.
 pub fn fly(campaign: &Campaign, case: &Case) -> Result<Outcome, FlyError> {
-    let mut script = Script::new(campaign, case)?;
+    watch(campaign, case, &mut |_, _| {})
+}
+
+/// [`fly`] with somebody who sees truth and belief two hundred times a second.
+///
+/// # Errors
+/// As [`fly`].
+pub fn watch(
+    campaign: &Campaign,
+    case: &Case,
+    seen: &mut dyn FnMut(&Row, &Snapshot),
+) -> Result<Outcome, FlyError> {
+    let mut script = Script::new(campaign, case, seen)?;
     let mut dice = Dice(case.seed ^ 0x00FA_0175);
     if !script.take_off() {
         return Ok(script.judge.never_flew());
@@ -74,7 +86,8 @@ pub fn fly(campaign: &Campaign, case: &Case) -> Result<Outcome, FlyError> {
         .verdict(case, is_down, &snapshot, &script.station.heard().texts))
 }
 
-struct Script {
+struct Script<'a> {
+    seen: &'a mut dyn FnMut(&Row, &Snapshot),
     world: Lockstep,
     station: GroundStation,
     judge: Judge,
@@ -87,8 +100,12 @@ struct Script {
     next_hold_s: f64,
 }
 
-impl Script {
-    fn new(campaign: &Campaign, case: &Case) -> Result<Self, FlyError> {
+impl<'a> Script<'a> {
+    fn new(
+        campaign: &Campaign,
+        case: &Case,
+        seen: &'a mut dyn FnMut(&Row, &Snapshot),
+    ) -> Result<Self, FlyError> {
         let world = |e: &dyn std::fmt::Display| FlyError::World(e.to_string());
         let room = Room::named(&case.room).map_err(|e| world(&e))?;
         let facts = room.facts();
@@ -118,6 +135,7 @@ impl Script {
         .map_err(|e| world(&e))?;
         lockstep.link_up(STATION);
         Ok(Self {
+            seen,
             world: lockstep,
             station: GroundStation::default(),
             judge: Judge::default(),
@@ -153,6 +171,7 @@ impl Script {
         }
         let row = Row::take(now, &self.world.simulator, 0, self.world.snapshot());
         self.judge.look(&row, self.world.snapshot());
+        (self.seen)(&row, self.world.snapshot());
     }
 
     /// Flies for a time, or until something is so.
@@ -257,6 +276,10 @@ impl Script {
             Fault::SticksStop | Fault::StreamStops => self.ends_stream = true,
             Fault::FcSilent => sim.set_fault(0, Broken::FcSilent, true),
             Fault::FcNoisy => sim.set_fault(0, Broken::FcNoisy, true),
+            Fault::FcSlow => {
+                sim.set_fault(0, Broken::FcLossy, true);
+                self.set("KST_FC_MIN_HZ", ParamValue::Float(60.0));
+            }
             Fault::LoopHeld => {
                 let ms = 350 + dice.roll(700);
                 self.world.hold_flight(Duration::from_millis(ms));
@@ -277,7 +300,7 @@ impl Script {
             Fault::BatteryLow => sim.set_charge(0, 0.12),
             Fault::BatteryCritical => sim.set_charge(0, 0.04),
             Fault::BatteryReserve => {
-                self.set("BAT1_CAPACITY", ParamValue::Float(1_300.0));
+                self.set("BAT1_CAPACITY", ParamValue::Float(400.0));
                 self.set("KST_BAT_RESERVE", ParamValue::Float(600.0));
             }
             Fault::WayBlocked => {
@@ -338,8 +361,7 @@ impl Script {
     /// Four walls around where it is.
     fn wall_in(&mut self) {
         const HALF_M: f64 = 0.9;
-        let here = self.world.simulator.truth(0).position;
-        let at = self.world.simulator.anchor().to_map(here);
+        let at = self.world.simulator.anchor().to_map(self.judge.place());
         let corner = |x: f64, y: f64| [at.x() + x * HALF_M, at.y() + y * HALF_M];
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         let walls: Vec<Segment> = (0..4)

@@ -6,6 +6,7 @@ use crate::autopilot::failsafes::TABLE;
 use crate::autopilot::mode::Because;
 use crate::io::truth::Row;
 use std::fmt;
+use vehicle::{In, Ned};
 
 /// Touching something more slowly is a nudge, m/s.
 const NUDGE_MPS: f64 = 0.3;
@@ -56,6 +57,8 @@ pub struct Outcome {
     pub because: Vec<Because>,
     /// Rows of the table that acted or told.
     pub rows: Vec<Because>,
+    /// What the pilot was told after the fault.
+    pub texts: Vec<String>,
     /// Length of the flight, s.
     pub duration_s: f64,
 }
@@ -112,6 +115,12 @@ impl Judge {
         self.last = Some(*row);
     }
 
+    /// Where it truly is, NED about home, m.
+    pub(super) fn place(&self) -> In<Ned> {
+        let [x, y, z] = self.last.map_or([0.0; 3], |row| row.position);
+        In::new(x, y, z)
+    }
+
     pub(super) fn height_m(&self) -> f64 {
         self.last.map_or(0.0, |row| -row.position[2])
     }
@@ -137,6 +146,7 @@ impl Judge {
             contact_mps: None,
             because: self.because,
             rows: Vec::new(),
+            texts: Vec::new(),
             duration_s: self.last.map_or(0.0, |row| row.t_s),
         }
     }
@@ -165,7 +175,8 @@ impl Judge {
         } else if !(is_down || is_blind && self.is_on_floor()) {
             troubles.push(Trouble::Flyaway("not down in time"));
         }
-        let texts = texts[self.texts_before.min(texts.len())..].join("; ");
+        let told = &texts[self.texts_before.min(texts.len())..];
+        let texts = told.join("; ");
         let mut seen: Vec<Because> = TABLE
             .iter()
             .map(|row| row.because)
@@ -175,11 +186,11 @@ impl Judge {
         let rows: Vec<&Because> = case.faults().flat_map(|f| f.facts().rows).collect();
         if !rows.is_empty() {
             let acted = rows.iter().any(|b| self.because.contains(b));
-            let told = rows.iter().any(|b| texts.contains(b.words()));
+            let is_told = rows.iter().any(|b| texts.contains(b.words()));
             let was_down = self.because.iter().any(|b| b.is_failsafe());
-            if !told && !acted && !was_down {
+            if !is_told && !acted && !was_down {
                 troubles.push(Trouble::Silent);
-            } else if !acted && !told {
+            } else if !acted && !is_told {
                 troubles.push(Trouble::WrongMode(s.mode.because));
             }
         }
@@ -188,6 +199,7 @@ impl Judge {
             contact_mps: self.contact_mps,
             because: self.because,
             rows: seen,
+            texts: told.to_vec(),
             duration_s: self.last.map_or(0.0, |row| row.t_s),
         }
     }

@@ -15,7 +15,7 @@ pub mod judge;
 pub mod matrix;
 pub mod plan;
 
-pub use flight::fly;
+pub use flight::{fly, watch};
 pub use judge::{Outcome, Trouble};
 pub use matrix::report;
 pub use plan::{Campaign, Case, Fault, FlownMode};

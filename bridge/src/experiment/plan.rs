@@ -83,6 +83,7 @@ pub enum Fault {
     StreamStops,
     FcSilent,
     FcNoisy,
+    FcSlow,
     LoopHeld,
     LoopSlow,
     RangersSilent,
@@ -117,17 +118,20 @@ pub struct FaultFacts {
     pub rows: &'static [Because],
     /// Modes it can happen in; none: all.
     pub modes: &'static [FlownMode],
+    /// Its row needs so long that a second fault would come before it.
+    pub is_alone: bool,
 }
 
 impl Fault {
     /// All.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 28] = [
         Self::None,
         Self::GroundSilent,
         Self::SticksStop,
         Self::StreamStops,
         Self::FcSilent,
         Self::FcNoisy,
+        Self::FcSlow,
         Self::LoopHeld,
         Self::LoopSlow,
         Self::RangersSilent,
@@ -164,6 +168,7 @@ impl Fault {
                 has_safe_way,
                 rows,
                 modes: &[],
+                is_alone: false,
             }
         }
         match self {
@@ -179,7 +184,13 @@ impl Fault {
             },
             // The controller holds its last sticks and then stops the motors: it falls.
             Self::FcSilent => row("fc-silent", false, &[Because::FcSilent]),
-            Self::FcNoisy => row("fc-noisy", false, &[Because::FcSlow, Because::FcSilent]),
+            Self::FcNoisy => row(
+                "fc-noisy",
+                false,
+                &[Because::FcSlow, Because::FcSilent, Because::EstimatorFailed],
+            ),
+            // Half of its bytes are lost, where more is asked for than is left.
+            Self::FcSlow => row("fc-slow", true, &[Because::FcSlow]),
             Self::LoopHeld => row("loop-held", true, &[Because::LoopHeld]),
             Self::LoopSlow => row("loop-slow", true, &[Because::LoopOverrun, Because::FcSlow]),
             Self::RangersSilent => row("rangers-silent", true, &[Because::RangersSilent]),
@@ -204,6 +215,7 @@ impl Fault {
             // Walls that rise around it.
             Self::WayBlocked => FaultFacts {
                 modes: &[FlownMode::Mission],
+                is_alone: true,
                 ..row("way-blocked", true, &[Because::NoProgress])
             },
             // Carried away where one jump is one too many.
@@ -285,9 +297,14 @@ impl Campaign {
             .faults
             .iter()
             .copied()
-            .filter(|f| *f != fault && *f != Fault::None && f.can_happen_in(mode))
+            .filter(|f| {
+                *f != fault && *f != Fault::None && !f.facts().is_alone && f.can_happen_in(mode)
+            })
             .collect();
-        let has_second = fault != Fault::None && !others.is_empty() && dice.roll(4) == 0;
+        let has_second = fault != Fault::None
+            && !fault.facts().is_alone
+            && !others.is_empty()
+            && dice.roll(4) == 0;
         let second = has_second.then(|| others[at(&mut dice, others.len())]);
         Case {
             seed,

@@ -157,6 +157,9 @@ impl UquadFlight {
 
     pub(super) fn range(&mut self, reading: &RangerReading) {
         let Some(ring) = &mut self.ring else { return };
+        if ring.looks_around(reading) {
+            self.watch.ranger(reading, self.nav.position);
+        }
         let mut measured = ArrayVec::<Measured, 2>::new();
         ring.read(reading, |m| {
             let _ = measured.try_push(m);
@@ -164,7 +167,6 @@ impl UquadFlight {
         for m in measured {
             match m {
                 Measured::Scan(scan) => {
-                    self.watch.ranger(reading, self.nav.position);
                     self.estimator.scan(&scan);
                     self.navigator.observe(&scan, &self.nav);
                 }
