@@ -17,8 +17,8 @@ use nalgebra::Vector2;
 
 /// Dead time and attitude response together, s: 60 ms and 100 ms of a Betaflight-class controller over MSP.
 const LAG_S: f64 = 0.16;
-/// The curve's own loops have no lag: place to velocity is so much faster than `MPC_XY_P`, velocity to acceleration is, 1/s.
-const PLACE_SHARE: f64 = 1.6;
+/// The curve's own loops have no lag and can be fast: place to velocity and velocity to acceleration, 1/s.
+const PLACE_PER_S: f64 = 2.0;
 const VELOCITY_PER_S: f64 = 10.0;
 /// Something holds the vehicle farther off its curve than this, m, or it is elsewhere: the curve begins anew where it is.
 const LEASH_M: f64 = 0.6;
@@ -84,7 +84,7 @@ impl PlaceReference {
 
     /// A step towards `target`, m.
     pub fn step(&mut self, p: &ControlParams, dt_s: f64, target: Vector2<f64>) {
-        let wanted = approach(p, p.xy_p * PLACE_SHARE, target - self.place);
+        let wanted = approach(p, PLACE_PER_S, target - self.place);
         let accel = ((wanted - self.velocity) * VELOCITY_PER_S).cap_magnitude(p.acc_hor);
         self.accel += (accel - self.accel).cap_magnitude(p.jerk_max * dt_s);
         self.velocity += self.accel * dt_s;
