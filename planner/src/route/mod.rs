@@ -307,7 +307,9 @@ impl Router {
         };
         let is_open = !self.is_fence_off
             && (1..=steps as usize).all(is_clear)
-            && obstacles.iter().all(|o| beside_m(from, to, *o) > keep_seen_m);
+            && obstacles
+                .iter()
+                .all(|o| beside_m(from, to, *o) > keep_seen_m);
         is_open.then(|| {
             self.lay_seen(obstacles, from);
             let mut path = Path::new();
