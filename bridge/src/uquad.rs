@@ -149,6 +149,10 @@ pub struct Step {
     pub state: [f64; 15],
     /// Motor speeds commanded, rad/s.
     pub speeds_radps: [f64; 4],
+    /// The same as the law asked for them, not limited, rad/s.
+    pub asked_radps: [f64; 4],
+    /// What the law has integrated, in the order of its columns; zero without integral action.
+    pub integrals: [f64; 4],
 }
 
 /// What a pilot should hear.
@@ -187,6 +191,7 @@ pub struct Uquad {
     setpoint: StateSetpoint,
     speed_range_radps: (f64, f64),
     speeds_radps: [f64; 4],
+    asked_radps: [f64; 4],
     period: SamplingPeriod,
     left_out: LeftOut,
     steps_per_action: u32,
@@ -242,6 +247,7 @@ impl Uquad {
             },
             speed_range_radps: config.speed_range_radps,
             speeds_radps: [config.first_speeds_radps; 4],
+            asked_radps: [config.first_speeds_radps; 4],
             period: SamplingPeriod::default(),
             left_out: LeftOut::new(),
             steps_per_action: config.steps_per_action,
@@ -318,10 +324,9 @@ impl Uquad {
         self.since_action = (steps + 1, time_s + judged.used_s);
         if steps + 1 >= self.steps_per_action {
             let (slowest, fastest) = self.speed_range_radps;
-            self.speeds_radps = self
-                .law
-                .act(&self.setpoint, &self.filter.twelve(), self.since_action.1)
-                .map(|w| w.clamp(slowest, fastest));
+            let (dt_s, state) = (self.since_action.1, self.filter.twelve());
+            self.asked_radps = self.law.act(&self.setpoint, &state, dt_s);
+            self.speeds_radps = self.asked_radps.map(|w| w.clamp(slowest, fastest));
             self.since_action = (0, 0.0);
         }
         Some(Step {
@@ -330,6 +335,12 @@ impl Uquad {
             reading,
             state: (*self.filter.state()).into(),
             speeds_radps: self.speeds_radps,
+            asked_radps: self.asked_radps,
+            integrals: self
+                .law
+                .integral
+                .as_ref()
+                .map_or([0.0; 4], IntegralAction::values),
         })
     }
 
@@ -424,6 +435,7 @@ impl Uquad {
 }
 
 pub mod aircraft;
+pub mod board_words;
 pub mod flight;
 pub mod laws;
 pub mod reference;

@@ -16,7 +16,7 @@ use super::reference::{Goal, Reference, Turn};
 use super::{Said, Step, UquadConfig, UquadError};
 use crate::autopilot::arbiter::{Arbiter, Order};
 use crate::autopilot::door::{
-    Answer, Asked, Event, FcStatus, Key, Notice, Outcome, Refusal, Request, Snapshot,
+    Answer, Asked, Event, FcStatus, ImuFlags, Key, Notice, Outcome, Refusal, Request, Snapshot,
 };
 use crate::autopilot::flight::Start;
 use crate::autopilot::io::FcBytes;
@@ -353,6 +353,12 @@ impl UquadFlight {
         self.step.take()
     }
 
+    /// Speed that hovers with the mass the law believes (keys i, k and 0), rad/s; never above what a motor may turn at.
+    #[must_use]
+    pub fn hover_radps(&self) -> f64 {
+        super::laws_hover(&self.craft, self.mass_kg)
+    }
+
     /// What the aircraft is doing.
     #[must_use]
     pub const fn phase(&self) -> Phase {
@@ -416,6 +422,10 @@ impl UquadFlight {
             self.snapshot.baro = Some(baro);
         }
         self.snapshot.imu = Some(imu);
+        self.snapshot.imu_flags = Some(ImuFlags {
+            accel_is_gravity: step.reading.accel_is_good,
+            mag_is_earth: step.reading.mag_is_good,
+        });
     }
 
     /// Navigation for modes and planner, and the position for the filter.
@@ -701,7 +711,7 @@ impl UquadFlight {
         }
         let state = self.aircraft.filter().twelve();
         let dt_s = (step.elapsed_us as f64 * 1e-6).clamp(0.008, 0.012);
-        let hover = super::laws_hover(&self.craft, self.mass_kg);
+        let hover = self.hover_radps();
         let listed = self.follow_list(dt_s, &state);
         let (goal, turn) = listed.map_or(self.goal, |l| goal_of_entry(&l));
         let mut setpoint = self.reference.step(dt_s, &goal, turn, &state, hover);
@@ -824,8 +834,7 @@ impl UquadFlight {
         let mass_kg = self.arbiter.key_mass_kg().unwrap_or(self.craft.mass_kg);
         if (mass_kg - self.mass_kg).abs() > 1e-9 {
             self.mass_kg = mass_kg;
-            self.aircraft
-                .set_hover(super::laws_hover(&self.craft, mass_kg));
+            self.aircraft.set_hover(self.hover_radps());
         }
     }
 
