@@ -154,6 +154,10 @@ pub struct Step {
     pub state: [f64; 15],
     /// Motor speeds commanded, rad/s.
     pub speeds_radps: [f64; 4],
+    /// The same as the law asked for them, not limited, rad/s.
+    pub asked_radps: [f64; 4],
+    /// What the law has integrated, in the order of its columns; zero without integral action.
+    pub integrals: [f64; 4],
 }
 
 /// What a pilot should hear.
@@ -193,6 +197,7 @@ pub struct Uquad {
     speed_range_radps: (f64, f64),
     keeps_lift: bool,
     speeds_radps: [f64; 4],
+    asked_radps: [f64; 4],
     period: SamplingPeriod,
     left_out: LeftOut,
     steps_per_action: u32,
@@ -249,6 +254,7 @@ impl Uquad {
             speed_range_radps: config.speed_range_radps,
             keeps_lift: config.keeps_lift,
             speeds_radps: [config.first_speeds_radps; 4],
+            asked_radps: [config.first_speeds_radps; 4],
             period: SamplingPeriod::default(),
             left_out: LeftOut::new(),
             steps_per_action: config.steps_per_action,
@@ -326,11 +332,11 @@ impl Uquad {
         if steps + 1 >= self.steps_per_action {
             let (state, dt_s) = (self.filter.twelve(), self.since_action.1);
             let range = self.speed_range_radps;
-            self.speeds_radps = if self.keeps_lift {
+            (self.asked_radps, self.speeds_radps) = if self.keeps_lift {
                 self.law.act_within(&self.setpoint, &state, dt_s, range)
             } else {
-                let wanted = self.law.act(&self.setpoint, &state, dt_s);
-                wanted.map(|w| w.clamp(range.0, range.1))
+                let asked = self.law.act(&self.setpoint, &state, dt_s);
+                (asked, asked.map(|w| w.clamp(range.0, range.1)))
             };
             self.since_action = (0, 0.0);
         }
@@ -340,6 +346,12 @@ impl Uquad {
             reading,
             state: (*self.filter.state()).into(),
             speeds_radps: self.speeds_radps,
+            asked_radps: self.asked_radps,
+            integrals: self
+                .law
+                .integral
+                .as_ref()
+                .map_or([0.0; 4], IntegralAction::values),
         })
     }
 
@@ -434,6 +446,7 @@ impl Uquad {
 }
 
 pub mod aircraft;
+pub mod board_words;
 pub mod flight;
 pub mod laws;
 pub mod reference;

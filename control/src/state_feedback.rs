@@ -37,7 +37,7 @@ impl StateFeedback {
 }
 
 impl StateFeedback {
-    /// Motor speeds [`within`] what motors do, rad/s. While they are at their limit nothing is integrated: an error that more speed
+    /// Motor speeds, rad/s: as the law asks, and the same [`within`] what motors do. While they are at their limit nothing is integrated: an error that more speed
     /// would have mended is none that the integrals shall remember.
     pub fn act_within(
         &mut self,
@@ -45,7 +45,7 @@ impl StateFeedback {
         state: &[f64; STATES],
         dt_s: f64,
         range: (f64, f64),
-    ) -> [f64; 4] {
+    ) -> ([f64; 4], [f64; 4]) {
         let now = self.act(setpoint, state, 0.0);
         let fits = now.iter().all(|w| (range.0..=range.1).contains(w));
         let wanted = if fits {
@@ -53,7 +53,7 @@ impl StateFeedback {
         } else {
             now
         };
-        within(wanted, range)
+        (wanted, within(wanted, range))
     }
 }
 

@@ -56,7 +56,8 @@ fn fly(
 ) {
     for sample in 0..(seconds * 100.0) as u32 {
         let t = f64::from(sample) * 0.01;
-        let limited = law.act_within(&setpoint(t), &craft.motion().states(), 0.01, SPEEDS_RADPS);
+        let (_, limited) =
+            law.act_within(&setpoint(t), &craft.motion().states(), 0.01, SPEEDS_RADPS);
         (0..10).for_each(|_| craft.step(limited));
         each(t + 0.01, craft);
     }
@@ -168,7 +169,7 @@ fn a_circle_at_one_metre_a_second_is_tracked_within_ten_centimetres() {
             state,
             speeds_radps: trim.inputs.into(),
         };
-        let limited = law.act_within(&setpoint, &craft.motion().states(), 0.01, SPEEDS_RADPS);
+        let (_, limited) = law.act_within(&setpoint, &craft.motion().states(), 0.01, SPEEDS_RADPS);
         (0..10).for_each(|_| craft.step(limited));
         let p = craft.motion().position_m;
         let now = theta + 0.005;

@@ -213,3 +213,37 @@ fn snsi_holds_eighty_centimetres_for_a_minute_leans_to_eight_degrees_and_turns_t
     f.until_down(20.0);
     f.assert(f.truth().contacts == 0, "touched something");
 }
+
+#[test]
+fn snsi_rises_to_eighty_centimetres_without_much_overshoot_and_settles() {
+    let mut f = Scenario::office().param("KST_CTL_VARIANT", "snsi").start();
+    f.arm();
+    let nan = f32::NAN;
+    assert_eq!(f.command(22, [0.0, 0.0, 0.0, nan, nan, nan, 0.8]), 0);
+    let mut path = Vec::new();
+    for i in 0..1000 {
+        f.wait_s(0.02);
+        path.push((0.02 * f64::from(i), -f.truth().position.z()));
+    }
+    let lifted_s = path
+        .iter()
+        .find(|(_, z)| *z > 0.15)
+        .map_or(f64::NAN, |p| p.0);
+    let tail = &path[750..];
+    let end_m = tail.iter().map(|(_, z)| z).sum::<f64>() / tail.len() as f64;
+    let highest_m = path.iter().map(|(_, z)| *z).fold(0.0, f64::max);
+    let settled_s = path
+        .iter()
+        .filter(|(_, z)| (z - 0.8).abs() > 0.10)
+        .map(|(t, _)| *t)
+        .fold(0.0, f64::max);
+    println!(
+        "FIGURES\nSNSI take-off to 80 cm: lifts after {lifted_s:.2} s, overshoot {:.1} cm, within 10 cm after {:.2} s, rests at {:.1} cm\nEND",
+        100.0 * (highest_m - 0.8),
+        settled_s - lifted_s,
+        100.0 * end_m
+    );
+    f.assert(highest_m < 0.95, &format!("{highest_m:.3} m"));
+    f.assert(settled_s - lifted_s < 5.0, &format!("{settled_s:.2} s"));
+    f.assert((end_m - 0.8).abs() < 0.05, &format!("{end_m:.3} m"));
+}

@@ -23,6 +23,7 @@ use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull
 use bridge::io::net::{LinkEvent, Links, Wanted};
 use bridge::io::passthrough::Door;
 use bridge::io::uquad_lockstep::simulated_calibration;
+use bridge::io::uquad_logs::{self, UquadLogs};
 use bridge::io::uquad_thread::{self, ImuSource, Motors};
 use bridge::log::{GroundRecord, Header};
 use bridge::settings::{Origin, Settings};
@@ -79,7 +80,7 @@ pub(crate) struct FlyArgs {
     /// uQuad: frames of the calibration at rest.
     #[arg(long, value_name = "N", default_value_t = 512)]
     calibration_frames: u32,
-    /// uQuad: write x_hat.log and w.log into this folder.
+    /// uQuad: write its own text logs into this folder (imu_raw, kalman_in, flags, x_hat, w, w_ctrl, int, t_err, err), see docs/uquad.md.
     #[arg(long, value_name = "DIR")]
     log_dir: Option<PathBuf>,
     #[command(flatten)]
@@ -445,6 +446,16 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let logs = match &args.log_dir {
+        Some(folder) => {
+            let program = concat!("Kestrel ", env!("CARGO_PKG_VERSION"));
+            let head = uquad_logs::head(program, &imu, &calibration, &uquad);
+            let opened = UquadLogs::open(folder, &head)
+                .with_context(|| format!("cannot write the logs in {}", folder.display()))?;
+            Some(opened)
+        }
+        None => None,
+    };
     let flight = UquadFlight::new(
         clock.now(),
         UquadFlightConfig {
@@ -464,7 +475,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
-    let handle = uquad_thread::start(flight, source, &motors, args.log_dir.as_deref(), clock)?;
+    let (handle, thread) = uquad_thread::start(flight, source, &motors, logs, clock)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
         "Kestrel {}: uQuad, inertial unit {imu}, motors {}",
@@ -475,7 +486,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         terminal.line(&format!("  MAVLink {link}"));
     }
     terminal.line("  No position source: height, heading and tilt are held, the place is not.");
-    GroundLoop {
+    let ended = GroundLoop {
         ground,
         handle,
         links,
@@ -494,7 +505,10 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         shows_status: !args.headless,
         waits: args.wait,
     }
-    .run()
+    .run();
+    // The last rows of its logs.
+    let _ = thread.join();
+    ended
 }
 
 /// The thread of `--passthrough`: borrows the line for each client. What it has to tell comes out of the channel.

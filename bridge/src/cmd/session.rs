@@ -13,13 +13,14 @@ use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
 use bridge::io::firmware::Outside;
 use bridge::io::keep::Keep;
-use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::lockstep::{Lockstep, Outgoing, Spent};
 use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
 use bridge::io::uquad_lockstep::UquadLockstep;
 use bridge::web::{Console, Picture};
 use sim::camera::Shot;
 use std::collections::BTreeSet;
+use std::io::Write as _;
 use std::process::ExitCode;
 use std::time::Duration;
 use vehicle::{Pace, Timestamp};
@@ -72,6 +73,20 @@ pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
     }
 }
 
+/// One line of JSON: seconds of simulated time and of the processor.
+fn tell_time(spent: &Spent, now: Timestamp) {
+    let s = |ns: u64| ns as f64 * 1e-9;
+    let line = serde_json::json!({
+        "simulated_s": now.s(),
+        "simulator_s": s(spent.simulator_ns),
+        "flight_s": s(spent.flight_ns),
+        "ground_s": s(spent.ground_ns),
+        "search_s": s(spent.search_ns),
+        "thread_s": s(bridge::io::clock::thread_cpu_ns()),
+    });
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
 /// A simulated vehicle with its brain, whichever.
 pub(crate) trait World {
     fn now(&self) -> Timestamp;
@@ -95,6 +110,10 @@ pub(crate) trait World {
     }
     /// The real firmware, if it flies.
     fn firmware(&mut self) -> Option<&mut Outside> {
+        None
+    }
+    /// Where processor time went, if it is counted.
+    fn spent(&self) -> Option<Spent> {
         None
     }
 }
@@ -156,6 +175,9 @@ world!(Lockstep {
     }
     fn firmware(&mut self) -> Option<&mut Outside> {
         Self::firmware(self)
+    }
+    fn spent(&self) -> Option<Spent> {
+        Self::spent(self)
     }
 });
 world!(UquadLockstep {});
@@ -256,6 +278,9 @@ impl<W: World> Session<W> {
         self.carry_out();
         self.lockstep.flush();
         self.terminal.finish();
+        if let Some(spent) = self.lockstep.spent() {
+            tell_time(&spent, self.lockstep.now());
+        }
         if let Some(log) = self.log.take() {
             end_log(log, &mut self.terminal);
         }

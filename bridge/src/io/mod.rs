@@ -57,5 +57,6 @@ pub mod terminal;
 pub mod timer;
 pub mod truth;
 pub mod uquad_lockstep;
+pub mod uquad_logs;
 pub mod uquad_thread;
 pub mod watchdog;

@@ -267,6 +267,12 @@ impl UquadFlight {
         self.step.take()
     }
 
+    /// Speed that hovers with the mass the law believes (keys i, k and 0), rad/s; never above what a motor may turn at.
+    #[must_use]
+    pub fn hover_radps(&self) -> f64 {
+        super::laws_hover(&self.craft, self.mass_kg)
+    }
+
     /// What the aircraft is doing.
     #[must_use]
     pub const fn phase(&self) -> Phase {

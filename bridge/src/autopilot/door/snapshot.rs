@@ -96,6 +96,15 @@ pub struct LoopStatus {
     pub reply_to_command: LatencySummary,
 }
 
+/// Whether the inertial unit measures what a craft at rest would: gravity alone, the Earth's field alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ImuFlags {
+    /// The norm of the specific force is that of gravity.
+    pub accel_is_gravity: bool,
+    /// The norm of the magnetic field is that at calibration.
+    pub mag_is_earth: bool,
+}
+
 /// Everything the ground may want to know, copied each tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
@@ -141,6 +150,8 @@ pub struct Snapshot {
     pub fc: FcStatus,
     /// Newest inertial sample.
     pub imu: Option<ImuSample>,
+    /// What its norms say; none where they are not judged (a flight controller's are its own).
+    pub imu_flags: Option<ImuFlags>,
     /// Newest barometer sample.
     pub baro: Option<BaroSample>,
     /// Newest down range.

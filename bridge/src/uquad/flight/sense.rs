@@ -2,7 +2,7 @@
 
 use super::UquadFlight;
 use super::io::UquadOutput;
-use crate::autopilot::door::{Event, Notice};
+use crate::autopilot::door::{Event, ImuFlags, Notice};
 use crate::autopilot::modes::Air;
 use crate::sensor::ring::Measured;
 use crate::uquad::reference::Reference;
@@ -93,6 +93,10 @@ impl UquadFlight {
             self.snapshot.baro = Some(baro);
         }
         self.snapshot.imu = Some(imu);
+        self.snapshot.imu_flags = Some(ImuFlags {
+            accel_is_gravity: step.reading.accel_is_good,
+            mag_is_earth: step.reading.mag_is_good,
+        });
     }
 
     /// Navigation for modes and planner, and the position for the filter.

@@ -274,7 +274,7 @@ impl UquadFlight {
         }
         let state = self.aircraft.filter().twelve();
         let dt_s = (step.elapsed_us as f64 * 1e-6).clamp(0.008, 0.012);
-        let hover = crate::uquad::laws_hover(&self.craft, self.mass_kg);
+        let hover = self.hover_radps();
         let listed = self.follow_list(dt_s, &state);
         let (goal, turn) = listed.map_or(self.goal, |l| goal_of_entry(&l));
         let mut setpoint = self.reference.step(dt_s, &goal, turn, &state, hover);
@@ -337,8 +337,7 @@ impl UquadFlight {
         let mass_kg = self.arbiter.key_mass_kg().unwrap_or(self.craft.mass_kg);
         if (mass_kg - self.mass_kg).abs() > 1e-9 {
             self.mass_kg = mass_kg;
-            self.aircraft
-                .set_hover(crate::uquad::laws_hover(&self.craft, mass_kg));
+            self.aircraft.set_hover(self.hover_radps());
         }
     }
 }

@@ -252,7 +252,14 @@ impl Symmetric {
         };
         for (first, by) in [(A, q.attitude), (B, q.accel_bias), (G, q.gyro_bias)] {
             for place in first..first + 3 {
-                add(place, if place % LANES == 0 { [by, 0.0] } else { [0.0, by] });
+                add(
+                    place,
+                    if place % LANES == 0 {
+                        [by, 0.0]
+                    } else {
+                        [0.0, by]
+                    },
+                );
             }
         }
         for axis in 0..3 {
