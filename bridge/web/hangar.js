@@ -97,6 +97,7 @@ export async function hangar(root, who, over) {
           h('div.row', h(`span.dot.${level || 'none'}`), h('b', v.name), h('span.spread'),
             isAdmin ? h('button.tool', { title: t('remove'), 'aria-label': `${t('remove')} ${v.name}`, 'data-key': `remove ${v.name}`, onclick: () => { if (confirm(t('sure_remove', { who: v.name }))) attempt(() => post('/api/fleet/remove', { name: v.name })); } }, icon('trash', 15)) : null),
           h('small.soft', words), v.url ? h('small.faint', v.url) : null,
+          isAdmin ? h('small.soft.heading', t('assigned_to')) : null,
           isAdmin ? h('div.assigned', { role: 'group', 'aria-label': t('assigned_to') }, users.map((u) => {
             const on = v.users.includes(u.name);
             return h('button.chip', { 'aria-pressed': on, 'data-key': `${u.name} ${v.name}`, title: t(on ? 'take_away' : 'assign', { who: u.name }), onclick: () => attempt(() => post('/api/fleet/assign', { user: u.name, vehicle: v.name, on: !on })) }, u.name);

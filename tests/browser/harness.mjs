@@ -34,8 +34,6 @@ export class Program {
   }
   get links() { return [...this.text.matchAll(/(http:\/\/\S+#enter=\w+)/g)].map((m) => m[1]); }
   get link() { return this.links.at(-1); }
-  /** Where ground stations find it. */
-  get mavlink() { return this.text.match(/udpserver:\/\/(\S+)/)[1]; }
   get url() { return this.link.split('#')[0]; }
   async stop() {
     this.child.kill('SIGINT');

@@ -2,8 +2,8 @@
 
     pilot.py HOST:PORT SYSTEM SEED
 
-One line of JSON for each word on standard input: `ask` (asks, or gives back), `probe` (a command that flies by its kind), `end`. In
-between every CONTROL_STATUS goes out as a line too. Needs pymavlink.
+One line of JSON for each word on standard input: `ask` (asks, or gives back), `probe` (a command that flies by its kind), `end`. Needs
+pymavlink.
 """
 
 import json
@@ -16,7 +16,6 @@ from pymavlink.dialects.v20 import common as mav
 from pymavlink import mavutil
 
 CONTROL = 32100
-CONTROL_STATUS = 512
 NOT_IN_CONTROL = 10
 
 
@@ -53,8 +52,6 @@ def main():
         while (message := conn.recv_match(blocking=False)) is not None:
             if message.get_srcSystem() != 1:
                 continue
-            if message.get_msgId() == CONTROL_STATUS:
-                say(kind="status", raw=message.get_msgbuf()[10:12].hex())
             if message.get_type() != "COMMAND_ACK" or waiting is None:
                 continue
             # Acknowledgements go to all links; this one is ours.

@@ -241,7 +241,7 @@ fn run(load: &Load) -> Outcome {
         match began {
             None => {
                 assert!(now < deadline, "not ready: {:?}", snapshot.fc);
-                let is_watched = seen.load(Ordering::Relaxed) > 20 * load.pages as u64;
+                let is_watched = seen.load(Ordering::Relaxed) >= 20 * load.pages as u64;
                 if snapshot.fc.is_connected && snapshot.imu.is_some() && is_watched {
                     begins.store(true, Ordering::Relaxed);
                     began = Some((now, snapshot.flight_loop.ticks));

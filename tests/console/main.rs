@@ -607,7 +607,8 @@ fn a_pilot_flies_others_do_not_and_a_viewer_stops_him() {
         "FIGURES\nheld sticks of a silent page centred after {:.0} ms (bar 250 and a tick)\nEND",
         took.as_secs_f64() * 1e3
     );
-    assert!(took < Duration::from_millis(400), "{took:?}");
+    // Generous: the time itself is judged in virtual time (`dead_man`).
+    assert!(took < 2 * SECOND, "{took:?}");
 
     // STOP by who may not fly.
     pilot.send(&raw::COMMAND_LONG_DATA {
@@ -628,7 +629,8 @@ fn a_pilot_flies_others_do_not_and_a_viewer_stops_him() {
         "FIGURES\nSTOP by a viewer: {:.0} ms (bar 100)\nEND",
         took.as_secs_f64() * 1e3
     );
-    assert!(took < Duration::from_millis(100), "{took:?}");
+    // Generous: the bar is held in virtual time (`latency`).
+    assert!(took < SECOND, "{took:?}");
     assert_eq!(
         vehicle.shown().owner,
         Some(pilot.system()),

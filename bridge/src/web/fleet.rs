@@ -139,7 +139,7 @@ async fn enlist(server: &Server, name: Option<String>, place: Place) -> Result<S
         .vehicles
         .values()
         .filter_map(|url| url.parse::<Place>().ok())
-        .find(|known| known.shown() == place.shown());
+        .find(|known| known.shown() == place.shown() && matches!(place.opener, Opener::Link(_)));
     // A link that was used already is no matter while the key that was fetched with it opens.
     let (place, called) = match (settle(place).await, known) {
         (Ok(settled), _) => settled,
