@@ -69,6 +69,13 @@ pub fn instant() -> Instant {
     Instant::now()
 }
 
+/// Processor time that the calling thread has used, ns.
+#[must_use]
+pub fn thread_ns() -> u64 {
+    let t = clock_gettime(ClockId::ThreadCPUTime);
+    (t.tv_sec as u64) * 1_000_000_000 + t.tv_nsec as u64
+}
+
 /// UTC now, microseconds since 1970.
 #[must_use]
 #[expect(
