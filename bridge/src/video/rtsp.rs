@@ -331,8 +331,11 @@ impl Client {
     }
 }
 
-/// Head, body and length of a whole answer; none if more must come.
-fn whole(bytes: &[u8]) -> Result<Option<(&str, &[u8], usize)>, RtspError> {
+/// Head, body and length in all of an answer.
+type Answer<'a> = (&'a str, &'a [u8], usize);
+
+/// A whole answer; none if more must come.
+fn whole(bytes: &[u8]) -> Result<Option<Answer<'_>>, RtspError> {
     let Some(end) = bytes.windows(4).position(|w| w == b"\r\n\r\n") else {
         return if bytes.len() > LONGEST {
             Err(RtspError::NoRtsp)

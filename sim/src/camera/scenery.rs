@@ -156,7 +156,7 @@ impl Scenery {
 /// Light falls in from one side, so that corners are seen.
 fn light(s: &Segment) -> f32 {
     let (dx, dy) = (s.b[0] - s.a[0], s.b[1] - s.a[1]);
-    let length = dx.hypot(dy).max(1e-9);
+    let length = libm::hypot(dx, dy).max(1e-9);
     // Across the segment, and how far it faces north-east on the plan.
     let (nx, ny) = (dy / length, -dx / length);
     (0.80 + 0.14 * nx + 0.08 * ny) as f32
