@@ -11,13 +11,15 @@ use bridge::io::camera::{CameraConfig, CameraThread};
 use bridge::video::CameraSource;
 use bridge::video::annex_b::{AccessUnit, Assembler};
 use bridge::video::encode::{Encoder, EncoderSettings};
-use bridge::video::rtp::Depacketizer;
+use bridge::video::rtp::{Depacketizer, Packetizer};
 use bridge::web::signal::Desk;
 use serde_json::{Value, json};
 use sim::camera::{Picture, stamp};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
@@ -367,4 +369,86 @@ fn a_recording_that_is_not_there_is_told_at_once() {
     };
     let error = CameraThread::start(config).unwrap_err().to_string();
     assert!(error.contains("/nowhere/x.h264"), "{error}");
+}
+
+/// An RTSP camera in this process, which wants a password; its port, and how often it was asked to play.
+fn rtsp_camera(units: Vec<AccessUnit>) -> (u16, Arc<AtomicUsize>) {
+    let listener = TcpListener::bind((LOCAL, 0)).unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let plays = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&plays);
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let _ = serve_rtsp(stream.unwrap(), &units, &counted);
+        }
+    });
+    (port, plays)
+}
+
+fn serve_rtsp(stream: TcpStream, units: &[AccessUnit], plays: &AtomicUsize) -> std::io::Result<()> {
+    let mut lines = BufReader::new(stream.try_clone()?).lines();
+    let mut stream = stream;
+    loop {
+        let mut head = Vec::new();
+        for line in lines.by_ref() {
+            let line = line?;
+            if line.is_empty() {
+                break;
+            }
+            head.push(line);
+        }
+        let Some(first) = head.first() else {
+            return Ok(());
+        };
+        let is_known = head.iter().any(|l| l.starts_with("Authorization: Digest "));
+        let sdp = "v=0\r\nm=video 0 RTP/AVP 96\r\na=rtpmap:96 H264/90000\r\na=control:track1\r\n";
+        let (status, fields, body) = match first.split(' ').next() {
+            Some("DESCRIBE") if !is_known => (
+                "401 Unauthorized",
+                "WWW-Authenticate: Digest realm=\"camera\", nonce=\"abc\"\r\n",
+                "",
+            ),
+            Some("DESCRIBE") => ("200 OK", "", sdp),
+            Some("SETUP") => ("200 OK", "Session: 7;timeout=10\r\n", ""),
+            Some("PLAY") => ("200 OK", "", ""),
+            _ => ("200 OK", "", ""),
+        };
+        write!(
+            stream,
+            "RTSP/1.0 {status}\r\nCSeq: 1\r\n{fields}Content-Length: {}\r\n\r\n{body}",
+            body.len()
+        )?;
+        if first.starts_with("PLAY") {
+            plays.fetch_add(1, Relaxed);
+            let mut packetizer = Packetizer::new(9, 65_000);
+            for (n, unit) in units.iter().cycle().enumerate() {
+                let mut bytes = Vec::new();
+                packetizer.packets(unit, n as u32 * 1500, &mut |p| {
+                    bytes.extend([b'$', 0]);
+                    bytes.extend((p.len() as u16).to_be_bytes());
+                    bytes.extend(p);
+                });
+                stream.write_all(&bytes)?;
+                std::thread::sleep(Duration::from_millis(16));
+            }
+        }
+    }
+}
+
+#[test]
+fn an_rtsp_camera_with_a_password_reaches_a_viewer_unchanged() {
+    let recording = Recording::make("rtsp");
+    let (port, plays) = rtsp_camera(recording.units.clone());
+    let url = format!("rtsp://guard:secret@127.0.0.1:{port}/live");
+    let camera = camera(CameraSource::Rtsp(url), Some(LOCAL), Vec::new());
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(plays.load(Relaxed), 0, "nobody watches");
+    let mut viewer = Viewer::come(&camera);
+    viewer.ask();
+    viewer.watch(20, Duration::from_secs(20));
+    assert!(viewer.pictures.len() >= 20, "{:?}", camera.poll_told());
+    assert!(
+        recording.place_of(&viewer.pictures).is_some(),
+        "byte by byte"
+    );
 }

@@ -13,7 +13,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct CameraArgs {
     /// Where the picture comes from: sim (the simulator's own), none, file:PATH.h264 (played again and again), - (H.264 on
-    /// standard input), exec:COMMAND (its output, while somebody watches), rpicam, v4l2:/dev/video0. H.264 is passed on as it
+    /// standard input), exec:COMMAND (its output, while somebody watches), rtsp://HOST/PATH, rpicam, v4l2:/dev/video0. H.264 is passed on as it
     /// is. Browsers see it in the console; default: sim in the simulator, none in flight.
     #[arg(
         long,

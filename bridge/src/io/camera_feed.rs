@@ -1,4 +1,4 @@
-//! Threads that fetch coded pictures: from a recording, standard input, a program's output.
+//! Threads that fetch coded pictures: from a recording, standard input, a program's output, an RTSP camera.
 //!
 //! They run while somebody watches; standard input is read on and thrown away meanwhile, so that who writes is never held up.
 
@@ -6,12 +6,14 @@ use super::camera::{Inbox, Slip};
 use super::clock;
 use crate::video::CameraSource;
 use crate::video::annex_b::{AccessUnit, Assembler, kind};
+use crate::video::rtsp::{Address, Client};
 use crate::video::sps;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::AsFd;
 use rustix::process::{Pid, Signal, kill_process_group};
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, Read, Write as _};
+use std::net::{TcpStream, ToSocketAddrs as _};
 use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -26,6 +28,10 @@ const LOOK: Duration = Duration::from_millis(200);
 const RETRY: Duration = Duration::from_secs(2);
 /// Nobody watches for this long: the program is ended.
 const LINGER: Duration = Duration::from_secs(5);
+/// An RTSP camera that has not answered by then does not.
+const CONNECT: Duration = Duration::from_secs(3);
+/// One that says nothing for this long is lost.
+const SILENT: Duration = Duration::from_secs(8);
 /// Pictures a second of a recording that does not say.
 const FPS: f64 = 30.0;
 /// Bytes read at once.
@@ -54,11 +60,9 @@ pub(super) fn start(
         }
         CameraSource::Stdin { fps } => Box::new(move || feeder.stdin(fps)),
         CameraSource::Command(command) => Box::new(move || feeder.command(&command)),
-        CameraSource::Rtsp(_) => {
-            return Err(io::Error::new(
-                io::ErrorKind::Unsupported,
-                "RTSP cameras are not built in yet: use exec: with ffmpeg (docs/video.md)",
-            ));
+        CameraSource::Rtsp(url) => {
+            let address = Address::parse(&url).map_err(io::Error::other)?;
+            Box::new(move || feeder.rtsp(&address))
         }
     };
     let thread = std::thread::Builder::new()
@@ -243,6 +247,75 @@ impl Feeder {
                 Err(e) => self.say(format!("the camera program cannot be started: {e}")),
             }
             std::thread::park_timeout(RETRY);
+        }
+    }
+
+    /// A camera of its own, while somebody watches.
+    fn rtsp(&mut self, address: &Address) {
+        while self.wait() {
+            if let Err(e) = self.converse(address) {
+                self.say(format!("{}: {e}; tried again every 2 s", address.url));
+                std::thread::park_timeout(RETRY);
+            } else {
+                self.told.clear();
+            }
+        }
+    }
+
+    fn converse(&self, address: &Address) -> io::Result<()> {
+        let place = (address.host.as_str(), address.port)
+            .to_socket_addrs()?
+            .next()
+            .ok_or_else(|| io::Error::other("no such host"))?;
+        let mut stream = TcpStream::connect_timeout(&place, CONNECT)?;
+        stream.set_nodelay(true)?;
+        stream.set_read_timeout(Some(LOOK))?;
+        stream.set_write_timeout(Some(CONNECT))?;
+        let mut client = Client::new(address.clone());
+        let mut chunk = vec![0; CHUNK];
+        let mut out = Chute {
+            slip: &self.slip,
+            skips: false,
+        };
+        let clock = clock::Clock::start(1.0);
+        let (mut heard, mut wanted, mut alive) = (clock.now(), clock.now(), clock.now());
+        loop {
+            while let Some(request) = client.poll_transmit() {
+                stream.write_all(&request)?;
+            }
+            match stream.read(&mut chunk) {
+                Ok(0) => return Err(io::Error::other("the camera has closed the connection")),
+                Ok(n) => {
+                    heard = clock.now();
+                    client
+                        .push(&chunk[..n], &mut |unit| out.put(unit))
+                        .map_err(io::Error::other)?;
+                }
+                Err(e)
+                    if matches!(
+                        e.kind(),
+                        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut
+                    ) => {}
+                Err(e) => return Err(e),
+            }
+            let now = clock.now();
+            if self.is_wanted() {
+                wanted = now;
+            }
+            if self.is_over() || now.since(wanted) >= LINGER {
+                client.tear_down();
+                while let Some(request) = client.poll_transmit() {
+                    let _ = stream.write_all(&request);
+                }
+                return Ok(());
+            }
+            if now.since(heard) >= SILENT {
+                return Err(io::Error::other("the camera has fallen silent"));
+            }
+            if now.since(alive).as_secs() * 3 >= client.timeout_s {
+                alive = now;
+                client.keep_alive();
+            }
         }
     }
 

@@ -15,6 +15,7 @@
 //! | [`annex_b`] | bytes to NAL units to pictures |
 //! | [`encode`] | pictures of the simulator to H.264 |
 //! | [`rtp`] | pictures to RTP packets and back |
+//! | [`rtsp`] | a client of RTSP cameras |
 //! | [`signalling`] | the words of a WebRTC session |
 //! | [`source`] | what `--camera` names |
 //! | [`sps`] | size and rate of a stream |
@@ -23,6 +24,7 @@
 pub mod annex_b;
 pub mod encode;
 pub mod rtp;
+pub mod rtsp;
 pub mod signalling;
 pub mod source;
 pub mod sps;

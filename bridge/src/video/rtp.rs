@@ -130,6 +130,11 @@ impl Depacketizer {
         }
     }
 
+    /// A parameter set that is known from elsewhere.
+    pub fn know(&mut self, set: &[u8], out: &mut impl FnMut(AccessUnit)) {
+        self.assembler.nal(set, out);
+    }
+
     fn piece(&mut self, payload: &[u8], out: &mut impl FnMut(AccessUnit)) {
         let (is_start, is_end) = (payload[1] & 0x80 != 0, payload[1] & 0x40 != 0);
         if is_start {

@@ -256,7 +256,9 @@ impl Client {
         }
         match self.step {
             Step::Describe => {
-                let base = field("Content-Base").unwrap_or(&self.address.url).to_owned();
+                let base = field("Content-Base")
+                    .unwrap_or(&self.address.url)
+                    .to_owned();
                 let (control, sets) = describe(&String::from_utf8_lossy(body), &base)?;
                 self.control = control;
                 for set in sets {
@@ -329,8 +331,11 @@ impl Client {
     }
 }
 
-/// Head, body and length of a whole answer; none if more must come.
-fn whole(bytes: &[u8]) -> Result<Option<(&str, &[u8], usize)>, RtspError> {
+/// Head, body and length in all of an answer.
+type Answer<'a> = (&'a str, &'a [u8], usize);
+
+/// A whole answer; none if more must come.
+fn whole(bytes: &[u8]) -> Result<Option<Answer<'_>>, RtspError> {
     let Some(end) = bytes.windows(4).position(|w| w == b"\r\n\r\n") else {
         return if bytes.len() > LONGEST {
             Err(RtspError::NoRtsp)
@@ -416,7 +421,8 @@ const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwx
 fn base64(bytes: &[u8]) -> String {
     let mut out = String::new();
     for chunk in bytes.chunks(3) {
-        let word = chunk.iter().fold(0_u32, |w, b| w << 8 | u32::from(*b)) << (8 * (3 - chunk.len()));
+        let word =
+            chunk.iter().fold(0_u32, |w, b| w << 8 | u32::from(*b)) << (8 * (3 - chunk.len()));
         for i in 0..4 {
             out.push(if i <= chunk.len() {
                 char::from(ALPHABET[(word >> (18 - 6 * i)) as usize & 63])
@@ -485,7 +491,12 @@ mod tests {
         assert_eq!(a.user, Some(("me".to_owned(), "se:cret".to_owned())));
         assert_eq!(Address::parse("rtsp://[::1]/x").unwrap().host, "::1");
         assert_eq!(Address::parse("rtsp://cam").unwrap().port, 554);
-        for wrong in ["http://cam", "rtsp://", "rtsp://cam:x/1", "rtsp://cam/a\r\nb"] {
+        for wrong in [
+            "http://cam",
+            "rtsp://",
+            "rtsp://cam:x/1",
+            "rtsp://cam/a\r\nb",
+        ] {
             assert!(Address::parse(wrong).is_err(), "{wrong}");
         }
     }
@@ -502,8 +513,12 @@ mod tests {
         assert_eq!(c.poll_transmit(), None);
         c.push(&described[50..], take).unwrap();
         let setup = asked(&mut c);
-        assert!(setup.starts_with("SETUP rtsp://cam/live/trackID=1 "), "{setup}");
-        c.push(&reply("200 OK", "Session: 42;timeout=30\r\n", ""), take).unwrap();
+        assert!(
+            setup.starts_with("SETUP rtsp://cam/live/trackID=1 "),
+            "{setup}"
+        );
+        c.push(&reply("200 OK", "Session: 42;timeout=30\r\n", ""), take)
+            .unwrap();
         let play = asked(&mut c);
         assert!(play.starts_with("PLAY ") && play.contains("Session: 42\r\n"));
         assert_eq!(c.timeout_s, 30);
@@ -532,17 +547,25 @@ mod tests {
 
     #[test]
     fn a_camera_that_wants_a_password_gets_it_once() {
-        let mut c = client("rtsp://Mufasa:Circle Of Life@h/dir".replace(' ', "%20").as_str());
+        let mut c = client(
+            "rtsp://Mufasa:Circle Of Life@h/dir"
+                .replace(' ', "%20")
+                .as_str(),
+        );
         let _ = asked(&mut c);
         let wants = "WWW-Authenticate: Basic realm=\"x\"\r\nWWW-Authenticate: Digest realm=\"r\", nonce=\"n\"\r\n";
-        c.push(&reply("401 Unauthorized", wants, ""), &mut |_| {}).unwrap();
+        c.push(&reply("401 Unauthorized", wants, ""), &mut |_| {})
+            .unwrap();
         let again = asked(&mut c);
         let expected = {
             let a = md5_hex("Mufasa:r:Circle%20Of%20Life");
             let b = md5_hex("DESCRIBE:rtsp://h/dir");
             md5_hex(&format!("{a}:n:{b}"))
         };
-        assert!(again.contains(&format!("response=\"{expected}\"")), "{again}");
+        assert!(
+            again.contains(&format!("response=\"{expected}\"")),
+            "{again}"
+        );
         let refused = c.push(&reply("401 Unauthorized", wants, ""), &mut |_| {});
         assert!(refused.unwrap_err().to_string().contains("password"));
     }
@@ -550,7 +573,10 @@ mod tests {
     #[test]
     fn a_camera_without_h264_and_a_web_server_are_told_apart() {
         let mut c = client("rtsp://cam/x");
-        let none = c.push(&reply("200 OK", "", "v=0\r\nm=video 0 RTP/AVP 26\r\n"), &mut |_| {});
+        let none = c.push(
+            &reply("200 OK", "", "v=0\r\nm=video 0 RTP/AVP 26\r\n"),
+            &mut |_| {},
+        );
         assert_eq!(none, Err(RtspError::NoH264));
         let mut c = client("rtsp://cam/x");
         let junk = vec![b'x'; LONGEST + 1];
@@ -559,7 +585,10 @@ mod tests {
 
     #[test]
     fn base64_and_md5_are_as_their_papers_say() {
-        assert_eq!(base64(b"Aladdin:open sesame"), "QWxhZGRpbjpvcGVuIHNlc2FtZQ==");
+        assert_eq!(
+            base64(b"Aladdin:open sesame"),
+            "QWxhZGRpbjpvcGVuIHNlc2FtZQ=="
+        );
         assert_eq!(unbase64("ZwEC"), Some(vec![0x67, 1, 2]));
         assert_eq!(unbase64("aAM="), Some(vec![0x68, 3]));
         assert_eq!(md5_hex("abc"), "900150983cd24fb0d6963f7d28e17f72");

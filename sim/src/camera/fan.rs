@@ -1,13 +1,17 @@
 //! A fan of rays on the plan about the forward direction: for each, the nearest wall and the nearest movers before it.
 
-use super::scenery::{Paint, Scenery};
-use super::{Mover, Shot};
+use super::scenery::{Paint, Pattern, Scenery};
+use super::{HALF_VIEW, Mover, Shot};
 use crate::geometry;
 
-/// Rays.
-pub(super) const RAYS: usize = 2560;
-/// Tangent of the outermost ray: a tilted camera sees further round than a level one.
-pub(super) const SPREAD: f32 = 2.5;
+/// Rays: one for each column of the picture, and some.
+pub(super) const RAYS: usize = 1024;
+/// Widest fan, as the tangent of the outermost ray: a camera tilted so far sees the same beside it.
+const WIDEST: f64 = 6.0;
+/// Width of a panel of a wall, m.
+const PANEL_M: f64 = 1.2;
+/// Width of a door of furniture, m.
+const LEAF_M: f64 = 0.6;
 /// Walls further away are not drawn, m.
 const FAR_M: f64 = 80.0;
 
@@ -16,14 +20,18 @@ const FAR_M: f64 = 80.0;
 pub(super) struct Ray {
     /// To the wall; infinite if there is none.
     pub(super) wall_m: f32,
-    /// Along the wall, m.
-    pub(super) along_m: f32,
-    /// How the wall looks.
-    pub(super) paint: Paint,
+    /// Here two panels or doors meet.
+    pub(super) is_joint: bool,
+    /// How well patterns are seen at this distance, 0..=1: far ones would flicker.
+    pub(super) sharp: f32,
     /// Light on it, 0..=1, with distance.
     pub(super) light: f32,
-    /// The two nearest movers before it.
-    pub(super) movers: [Seen; 2],
+    /// How the wall looks.
+    pub(super) paint: Paint,
+    /// Where the floor is the threshold of a door: from, to.
+    pub(super) sill_m: [f32; 2],
+    /// Somebody is before the wall.
+    pub(super) is_busy: bool,
 }
 
 /// A mover in a direction.
@@ -52,32 +60,40 @@ pub(super) fn fade(distance_m: f32) -> f32 {
 #[derive(Clone, Debug)]
 pub(super) struct Fan {
     pub(super) rays: Vec<Ray>,
+    /// The two nearest movers of each ray.
+    pub(super) movers: Vec<[Seen; 2]>,
     /// Forward on the plan, unit length; right of it is (y, -x).
     pub(super) forward: [f64; 2],
+    /// Tangent of the outermost ray.
+    pub(super) spread: f64,
 }
 
 impl Fan {
     pub(super) fn new() -> Self {
         let empty = Ray {
             wall_m: f32::INFINITY,
-            along_m: 0.0,
-            paint: Paint::default(),
+            is_joint: false,
+            sharp: 1.0,
             light: 1.0,
-            movers: [NOBODY; 2],
+            paint: Paint::default(),
+            sill_m: [f32::INFINITY; 2],
+            is_busy: false,
         };
         Self {
             rays: vec![empty; RAYS],
+            movers: vec![[NOBODY; 2]; RAYS],
             forward: [1.0, 0.0],
+            spread: HALF_VIEW,
         }
     }
 
     /// Tangent of a ray.
-    fn tangent(ray: usize) -> f64 {
-        ((ray as f64 + 0.5) / RAYS as f64 * 2.0 - 1.0) * f64::from(SPREAD)
+    fn tangent(&self, ray: usize) -> f64 {
+        ((ray as f64 + 0.5) / RAYS as f64 * 2.0 - 1.0) * self.spread
     }
 
-    /// Casts all rays.
-    pub(super) fn cast(&mut self, scenery: &Scenery, shot: &Shot) {
+    /// Casts all rays. `aspect`: height of the picture over its width.
+    pub(super) fn cast(&mut self, scenery: &Scenery, shot: &Shot, aspect: f64) {
         let ahead = shot.axes[0];
         let level = ahead.norm_xy();
         // Straight up or down there is no forward: keep the last.
@@ -85,12 +101,22 @@ impl Fan {
             self.forward = [ahead.x() / level, ahead.y() / level];
         }
         let [fx, fy] = self.forward;
+        // As wide as the corners of the picture look.
+        let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]].map(|[x, y]| {
+            let d = ahead + (shot.axes[1] * x + shot.axes[2] * (y * aspect)) * HALF_VIEW;
+            let (a, r) = (d.x() * fx + d.y() * fy, d.x() * fy - d.y() * fx);
+            if a > 0.1 { (r / a).abs() } else { WIDEST }
+        });
+        self.spread = corners.into_iter().fold(HALF_VIEW, f64::max).min(WIDEST) * 1.002;
         let eye = [shot.eye.x(), shot.eye.y()];
-        for (i, ray) in self.rays.iter_mut().enumerate() {
-            let t = Self::tangent(i);
+        self.movers.fill([NOBODY; 2]);
+        for i in 0..RAYS {
+            let t = self.tangent(i);
+            let ray = &mut self.rays[i];
             let stretch = (1.0 + t * t).sqrt();
             let direction = [(fx + t * fy) / stretch, (fy - t * fx) / stretch];
-            ray.movers = [NOBODY; 2];
+            ray.is_busy = false;
+            ray.sill_m = scenery.sill(eye, [fx + t * fy, fy - t * fx]);
             let Some(hit) = scenery.walls.cast(eye, direction, FAR_M) else {
                 ray.wall_m = f32::INFINITY;
                 continue;
@@ -99,7 +125,13 @@ impl Fan {
             let start = scenery.walls.segments()[hit.segment as usize].a;
             let (paint, light) = scenery.surface(hit.segment, at);
             ray.wall_m = (hit.distance_m / stretch) as f32;
-            ray.along_m = geometry::distance(start, at) as f32;
+            let along_m = geometry::distance(start, at);
+            ray.is_joint = match paint.pattern {
+                Pattern::Wall => along_m % PANEL_M < 0.018,
+                Pattern::Furniture => along_m % LEAF_M < 0.018,
+                Pattern::Plain => false,
+            };
+            ray.sharp = (1.2 - 0.14 * ray.wall_m).clamp(0.0, 1.0);
             ray.paint = paint;
             ray.light = light * fade(hit.distance_m as f32);
         }
@@ -124,12 +156,12 @@ impl Fan {
         // Wide enough on either side; the rays themselves decide.
         let reach = mover.radius_m / ahead * (1.0 + (right / ahead).abs()) * 2.0 + 0.05;
         let ray_of = |t: f64| {
-            let i = (t / f64::from(SPREAD) + 1.0) * 0.5 * RAYS as f64;
+            let i = (t / self.spread + 1.0) * 0.5 * RAYS as f64;
             i.clamp(0.0, RAYS as f64) as usize
         };
         let span = ray_of(right / ahead - reach)..ray_of(right / ahead + reach);
         for i in span {
-            let t = Self::tangent(i);
+            let t = self.tangent(i);
             let stretch = (1.0 + t * t).sqrt();
             let direction = [(fx + t * fy) / stretch, (fy - t * fx) / stretch];
             let hit = geometry::ray_disc(eye, direction, mover.centre, mover.radius_m);
@@ -143,10 +175,12 @@ impl Fan {
             if seen.distance_m >= ray.wall_m {
                 continue;
             }
-            if seen.distance_m < ray.movers[0].distance_m {
-                ray.movers = [seen, ray.movers[0]];
-            } else if seen.distance_m < ray.movers[1].distance_m {
-                ray.movers[1] = seen;
+            ray.is_busy = true;
+            let nearest = &mut self.movers[i];
+            if seen.distance_m < nearest[0].distance_m {
+                *nearest = [seen, nearest[0]];
+            } else if seen.distance_m < nearest[1].distance_m {
+                nearest[1] = seen;
             }
         }
     }

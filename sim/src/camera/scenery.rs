@@ -71,7 +71,7 @@ pub struct Scenery {
     light: Vec<f32>,
     jambs: Vec<Point>,
     /// Thresholds on the floor: x from, x to, y from, y to.
-    pub(super) thresholds: Vec<[f32; 4]>,
+    thresholds: Vec<[f64; 4]>,
 }
 
 impl Scenery {
@@ -105,7 +105,7 @@ impl Scenery {
                 (0.5 * THRESHOLD_M, half)
             };
             let (x, y) = (door.x_m, door.y_m);
-            thresholds.push([x - wx, x + wx, y - wy, y + wy].map(|v| v as f32));
+            thresholds.push([x - wx, x + wx, y - wy, y + wy]);
         }
         Self {
             paints: (0..walls.segments().len()).map(of).collect(),
@@ -114,6 +114,27 @@ impl Scenery {
             jambs,
             thresholds,
         }
+    }
+
+    /// Where a ray along the floor crosses the nearest threshold, in lengths of `direction`: from, to; infinite if it crosses none.
+    pub(super) fn sill(&self, eye: Point, direction: Point) -> [f32; 2] {
+        let mut best = [f64::INFINITY; 2];
+        for [x0, x1, y0, y1] in &self.thresholds {
+            let (mut from, mut to) = (0.0_f64, f64::INFINITY);
+            for (p, d, low, high) in [
+                (eye[0], direction[0], x0, x1),
+                (eye[1], direction[1], y0, y1),
+            ] {
+                // Parallel to a side, and beside it: the bounds are infinite with the right signs.
+                let (a, b) = ((low - p) / d, (high - p) / d);
+                from = from.max(a.min(b));
+                to = to.min(a.max(b));
+            }
+            if from < to && from < best[0] {
+                best = [from, to];
+            }
+        }
+        best.map(|v| v as f32)
     }
 
     /// Paint and light of a segment where it is hit.
