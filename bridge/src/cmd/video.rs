@@ -3,7 +3,7 @@
 use super::rooms;
 use anyhow::{Context as _, Result};
 use bridge::io::camera::SIZE;
-use bridge::io::clock::{self, thread_ns};
+use bridge::io::clock::{self, thread_cpu_ns};
 use bridge::video::encode::{Encoder, EncoderSettings};
 use bridge::video::rtp;
 use clap::{Args, Subcommand};
