@@ -74,7 +74,9 @@ fn is_name(word: &str) -> bool {
 fn every_test_named_in_the_page_of_the_theses_exists() {
     let page = read("docs/theses.md");
     let tests = rust_tests();
-    let browser = read("tests/browser/console.mjs");
+    let browser = ["console", "several", "video"]
+        .map(|f| read(&format!("tests/browser/{f}.mjs")))
+        .concat();
     let mut seen = 0;
     for (number, _, test) in rows(&page) {
         for word in quoted(test) {
