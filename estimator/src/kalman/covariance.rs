@@ -117,10 +117,15 @@ impl Symmetric {
     #[inline]
     pub(super) fn keep_sound(&mut self) {
         // Pairs of variances; the place that is no state's counts as its neighbour.
-        let (mut sum, mut least, mut most) = (row::ZERO, f64x2::splat(CEILING), f64x2::splat(FLOOR));
+        let (mut sum, mut least, mut most) =
+            (row::ZERO, f64x2::splat(CEILING), f64x2::splat(FLOOR));
         for pair in 0..row::PAIRS {
             let first = LANES * pair;
-            let second = if first + 1 == row::DRIVING { first } else { first + 1 };
+            let second = if first + 1 == row::DRIVING {
+                first
+            } else {
+                first + 1
+            };
             let variances = f64x2::new([self.rows[first].at(first), self.rows[second].at(second)]);
             sum += variances;
             least = least.fast_min(variances);

@@ -127,9 +127,15 @@ mod tests {
             let mean = errors.iter().map(|e| e[axis]).sum::<f64>() / n;
             let square = errors.iter().map(|e| e[axis] * e[axis]).sum::<f64>() / n;
             // Four standard deviations of a mean, and of a spread, of so many.
-            assert!(mean.abs() < 4.0 * std / n.sqrt(), "axis {axis}: mean {mean}");
+            assert!(
+                mean.abs() < 4.0 * std / n.sqrt(),
+                "axis {axis}: mean {mean}"
+            );
             let spread = square.sqrt();
-            assert!((spread / std - 1.0).abs() < 4.0 / (2.0 * n).sqrt(), "axis {axis}: {spread}");
+            assert!(
+                (spread / std - 1.0).abs() < 4.0 / (2.0 * n).sqrt(),
+                "axis {axis}: {spread}"
+            );
         }
     }
 }

@@ -3,9 +3,9 @@
 use super::super::{ACCEL_BIAS, ATTITUDE, Covariance, ErrorVector, GYRO_BIAS, POSITION, VELOCITY};
 use super::propagate::{Growth, Transition};
 use super::*;
-use nalgebra::{Matrix3, Vector3};
 use crate::mcl::random::Random;
 use nalgebra::UnitQuaternion;
+use nalgebra::{Matrix3, Vector3};
 
 fn dense_of(t: &Transition) -> Covariance {
     let (dt, half) = (t.dt, 0.5 * t.dt * t.dt);
@@ -40,8 +40,7 @@ fn is_symmetric(p: &Covariance) -> bool {
 }
 
 #[test]
-fn the_sparse_arithmetic_equals_the_dense_products_to_rounding_and_is_symmetric_to_the_last_bit()
- {
+fn the_sparse_arithmetic_equals_the_dense_products_to_rounding_and_is_symmetric_to_the_last_bit() {
     let mut random = Random::new(3);
     for _ in 0..100 {
         let mut v = || Vector3::from_fn(|_, _| f64::from(random.gaussian()));

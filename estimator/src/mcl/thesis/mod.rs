@@ -277,7 +277,6 @@ impl ThesisLocator {
             odometry,
             covariance: near.covariance,
             is_jump,
-            news: 1.0,
         })
     }
 
@@ -412,11 +411,7 @@ mod tests {
         let cells = (0..64)
             .map(|i| {
                 let is_wall = [i % 8, i / 8].iter().any(|c| *c == 0 || *c == 7);
-                if is_wall {
-                    Cell::Occupied
-                } else {
-                    Cell::Free
-                }
+                if is_wall { Cell::Occupied } else { Cell::Free }
             })
             .collect();
         let plan = FloorPlan::from_cells(8, 0.5, [0.0, 0.0], cells).unwrap();
