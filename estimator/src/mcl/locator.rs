@@ -76,9 +76,6 @@ pub struct Fix {
     pub covariance: [[f64; 3]; 3],
     /// True if the pose jumped: it is no continuation of the one before.
     pub is_jump: bool,
-    /// How much the vehicle saw that it had not seen at the fix before, 0..=1: who stands still sees the same walls with the
-    /// same errors.
-    pub news: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -356,7 +353,6 @@ impl Locator {
             odometry,
             covariance: cluster.covariance,
             is_jump,
-            news,
         })
     }
 

@@ -1,11 +1,12 @@
 //! `P <- F P F' + Q`, block by block.
 //!
-//! Attitude error and biases drive the rest: with `x` for these nine, `v' = v + A x` and `p' = p + dt (v + v') / 2`, where the
-//! blocks of `A` are `-dt R [f]x`, `-dt R` and `dt^2 / 2 R [f]x`: the first times `attitude - dt / 2 gyro bias` is the
-//! first and the last of them at once. The attitude error turns by `Exp(-turn)` and loses `dt` times the gyro bias.
+//! Attitude error and biases drive the rest. With `x` for these nine, a step is `v <- v + A x` and then
+//! `p <- p + dt / 2 (v before + v after)`; the blocks of `A` are `-dt R [f]x`, `-dt R` and `dt^2 / 2 R [f]x`, so the first, times attitude
+//! less half a step of gyro bias, is the first and the last at once. The attitude error turns by `Exp(-turn)` and loses `dt` times the
+//! gyro bias; the biases stay.
 //!
-//! All products have the blocks of `F` on the left, two columns of `P` at a time. What is symmetric is computed once, as
-//! `Y + Y'` of a half: `v' v'' = v v' + Y + Y'` with `Y = A (x v' + x x' A' / 2)`.
+//! Blocks stand on the left of all products but one, so two columns of `P` are worked on at a time, and of what is symmetric one half is
+//! computed: `cov(v) <- cov(v) + Y + Y'` with `Y = A (cov(x, v) + cov(x) A' / 2)`, and likewise for position.
 
 use super::Symmetric;
 use super::row::{A, B, DRIVING, DRIVING_PAIRS, G, LANES, M, Row, SIZE, ZERO};
@@ -156,6 +157,10 @@ impl Step {
 
     /// Columns of velocity and position of one axis in the driving states' rows; how velocity changes with them.
     #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "written so, the compiler makes one straight line of it"
+    )]
     fn moving_columns(&self, rows: &mut [Row; SIZE], axis: usize, driven: &Driven) -> [f64x2; 3] {
         let pair = M / LANES + axis;
         let carry = f64x2::new([0.0, self.dt]);

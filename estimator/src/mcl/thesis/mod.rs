@@ -277,7 +277,6 @@ impl ThesisLocator {
             odometry,
             covariance: near.covariance,
             is_jump,
-            news: 1.0,
         })
     }
 
