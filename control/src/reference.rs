@@ -17,9 +17,11 @@ use nalgebra::Vector2;
 
 /// Dead time and attitude response together, s: 60 ms and 100 ms of a Betaflight-class controller over MSP.
 const LAG_S: f64 = 0.16;
-/// The curve's own loops have no lag: place to velocity is so much faster than `MPC_XY_P`, velocity to acceleration is, 1/s.
-const PLACE_SHARE: f64 = 1.6;
+/// The curve's own loops have no lag and can be fast: place to velocity and velocity to acceleration, 1/s.
+const PLACE_PER_S: f64 = 2.0;
 const VELOCITY_PER_S: f64 = 10.0;
+/// Share of `MPC_ACC_HOR` that the curve speeds up with: the rest is for corrections, and less tilt sees more level.
+const ACCEL_SHARE: f64 = 0.7;
 /// Something holds the vehicle farther off its curve than this, m, or it is elsewhere: the curve begins anew where it is.
 const LEASH_M: f64 = 0.6;
 
@@ -84,8 +86,9 @@ impl PlaceReference {
 
     /// A step towards `target`, m.
     pub fn step(&mut self, p: &ControlParams, dt_s: f64, target: Vector2<f64>) {
-        let wanted = approach(p, p.xy_p * PLACE_SHARE, target - self.place);
-        let accel = ((wanted - self.velocity) * VELOCITY_PER_S).cap_magnitude(p.acc_hor);
+        let wanted = approach(p, PLACE_PER_S, target - self.place);
+        let accel =
+            ((wanted - self.velocity) * VELOCITY_PER_S).cap_magnitude(ACCEL_SHARE * p.acc_hor);
         self.accel += (accel - self.accel).cap_magnitude(p.jerk_max * dt_s);
         self.velocity += self.accel * dt_s;
         self.place += self.velocity * dt_s;
@@ -124,7 +127,7 @@ mod tests {
     const DT_S: f64 = 0.025;
 
     #[test]
-    fn a_metre_is_done_in_two_seconds_without_overshoot() {
+    fn a_metre_is_done_in_little_more_than_two_seconds_without_overshoot() {
         let p = ControlParams::default();
         let target = Vector2::new(1.0, 0.0);
         let mut r = PlaceReference::default();
@@ -137,7 +140,7 @@ mod tests {
             }
         }
         assert!(most < 1.02, "{most}");
-        assert!(settled < 2.2, "{settled}");
+        assert!(settled < 2.4, "{settled}");
     }
 
     #[test]

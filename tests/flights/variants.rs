@@ -14,11 +14,17 @@ use flight_tests::{Flight, Scenario, modes};
 use vehicle::angle::wrap_pi;
 
 fn hovering(variant: &str, seed: u64, height_m: f64) -> Flight {
-    let mut f = Scenario::office()
+    let mut scenario = Scenario::office()
         .seed(seed)
         .param("KST_CTL_VARIANT", variant)
-        .param("KST_OFFB_AVOID", "0")
-        .start();
+        .param("KST_OFFB_AVOID", "0");
+    // KESTREL_TRY=MPC_XY_P=0.8,... flies with other parameters.
+    for row in std::env::var("KESTREL_TRY").unwrap_or_default().split(',') {
+        if let Some((id, value)) = row.split_once('=') {
+            scenario = scenario.param(id, value);
+        }
+    }
+    let mut f = scenario.start();
     f.take_off(height_m);
     f.wait_s(8.0);
     f
