@@ -72,12 +72,12 @@ impl RecentReturns {
             .filter(move |r| now.seconds_since(r.at) < RECENT_S)
     }
 
-    /// True if a return is one of a near wall's face: two of the same scan beside it say so too (one alone is often short).
+    /// True if a return is one of a near wall's face: of narrow beams two more of the same scan beside it say so (one alone is often
+    /// short), of a wide cone itself does.
     pub(super) fn is_near_wall(&self, r: &Return, within_m: f64) -> bool {
         let beside = |o: &&Return| o.at == r.at && (o.offset - r.offset).norm_xy() < SUPPORT_M;
-        !r.is_wide
-            && r.offset.norm_xy() < within_m
-            && self.returns.iter().filter(beside).take(FACE).count() == FACE
+        r.offset.norm_xy() < within_m
+            && (r.is_wide || self.returns.iter().filter(beside).take(FACE).count() == FACE)
     }
 
     /// How many unexplained returns of the last `within_s` lie beside a point.

@@ -26,6 +26,8 @@ pub const MAX_CORNERS: usize = 128;
 const CELL_MIN_M: f64 = 0.05;
 /// Room between hull and seen obstacles below which a place is tight, and below which it is closed, m.
 const SEEN_TIGHT_M: f64 = 0.1;
+/// What is seen may go on for this long unseen, m: a line is not drawn so near to it.
+const SEEN_WHOLE_M: f64 = 1.0;
 /// Cost per metre of a tight place: a gap that looks too narrow from afar is gone to and looked at, but only when the way
 /// round is some metres longer.
 const TIGHT_COST: f32 = 15.0;
@@ -288,10 +290,11 @@ impl Router {
     /// flies there, as a sweep along a wall does, means that line too. None if something is nearer to it.
     fn straight(&mut self, from: In<Map>, to: In<Map>, obstacles: &[In<Map>]) -> Option<Path> {
         let is_close = |p: In<Map>| self.clearance_m(p).is_some_and(|d| d < self.reach_m);
-        let keep_m = if is_close(from) || is_close(to) {
-            self.radius_m + SEEN_TIGHT_M - 0.5 * self.grid.cell_m
+        let (keep_m, keep_seen_m) = if is_close(from) || is_close(to) {
+            let needed_m = self.radius_m + SEEN_TIGHT_M - 0.5 * self.grid.cell_m;
+            (needed_m, needed_m)
         } else {
-            self.reach_m
+            (self.reach_m, self.reach_m + SEEN_WHOLE_M)
         };
         let length = libm::hypot(to.x() - from.x(), to.y() - from.y());
         let steps = libm::ceil(length / (0.5 * self.grid.cell_m)).max(1.0);
@@ -304,7 +307,9 @@ impl Router {
         };
         let is_open = !self.is_fence_off
             && (1..=steps as usize).all(is_clear)
-            && obstacles.iter().all(|o| beside_m(from, to, *o) > keep_m);
+            && obstacles
+                .iter()
+                .all(|o| beside_m(from, to, *o) > keep_seen_m);
         is_open.then(|| {
             self.lay_seen(obstacles, from);
             let mut path = Path::new();
