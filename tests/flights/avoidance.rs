@@ -202,26 +202,35 @@ fn out_of_a_dead_end_of_3_metres_that_the_plan_shows_open() {
 }
 
 /// The same recess on no plan at all: most of what the rangers see there is not what localization knows.
+///
+/// NOT REACHED YET: it loses its place in there (40 of 40 flights). This guards what happens then: it touches nothing, says why,
+/// and comes down.
 #[test]
-fn out_of_a_dead_end_of_3_metres_that_no_plan_shows() {
+fn a_dead_end_that_no_plan_shows_is_left_or_landed_in() {
     let walls = [
         outline([3.0, 1.9], [6.1, 2.0]),
         outline([3.0, 4.0], [6.1, 4.1]),
         outline([6.0, 2.0], [6.1, 4.0]),
     ]
     .concat();
-    campaign(
-        "dead end 3 m that no plan shows",
-        &BOTH,
-        2,
-        180.0,
-        [8.0, 3.0],
-        |_| hall(&[]).with_unmapped(&walls),
-        |f| {
-            let lost = f.snapshot().nav.localization.reset_counter;
-            (format!(", {lost} resets of the place"), true)
-        },
-    );
+    println!("FIGURES avoidance, dead end 3 m that no plan shows");
+    let mut bad = 0;
+    for ring in BOTH {
+        for seed in seeds(1) {
+            let room = hall(&[]).with_unmapped(&walls);
+            let scenario = Scenario::in_room(room).ring(ring).seed(seed);
+            let (f, has_arrived) = fly_to(scenario, [8.0, 3.0], 90.0);
+            let contacts = f.truth().contacts;
+            let is_told = f.station.heard().texts.join("").contains("not localized");
+            let is_down = f.truth().on_floor && !f.snapshot().is_armed;
+            println!(
+                " {ring:<7} seed {seed:2}: {contacts} contacts, there {has_arrived}, told {is_told}, down {is_down}"
+            );
+            bad += u32::from(contacts > 0 || !(has_arrived || is_told && is_down));
+        }
+    }
+    println!("END");
+    assert_eq!(bad, 0);
 }
 
 /// Both as near, both as wide: it takes one and keeps to it. (On no plan: the course `two-gaps` of `eval avoid --compare`.)
