@@ -12,6 +12,7 @@ use std::process::ExitCode;
 /// station on UDP 14550.
 #[derive(Debug, Parser)]
 #[command(
+    name = "kestrel",
     version,
     about,
     after_help = "Examples:\n  kestrel                       a drone in a simulated office\n  kestrel demo                  watch it fly a patrol, get a picture\n  kestrel sim maze --seed 7     another room\n  kestrel fly --fc serial:///dev/ttyAMA0?baudrate=115200 --map plan.yaml --mavlink udpclient://192.168.1.2:14550\n  kestrel params                every parameter with its range"

@@ -300,7 +300,8 @@ def test_mav_page():
         world = scene.start(
             f"kestrel sim office --seed 5 --speed 4 --headless --state-dir state --mavlink udpserver://127.0.0.1:{scene.mavlink}"
         )
-        scene.shell(f"for i in $(seq 40); do kestrel mav --to udpclient://127.0.0.1:{scene.mavlink} status | grep 'would be accepted' && exit; done; exit 1")
+        status = f"kestrel mav --to udpclient://127.0.0.1:{scene.mavlink} status"
+        scene.shell(f"for i in $(seq 40); do {status} | grep 'would be accepted' && exit; done; exit 1")
         ran = scene.run()
         world.send_signal(signal.SIGINT)
         assert world.wait(40.0) == 0

@@ -112,8 +112,8 @@ def test_watching_localization():
     """docs/examples/watch_localization.py: a vehicle that does not know where it is finds out, line by line."""
     with Kestrel("office", seed=33, speed=4, start="unknown", servers=2, name="watch-localization") as kestrel:
         station = kestrel.station(index=1)
-        watch = threading.Thread(target=lambda: said.append(run_program(kestrel, "watch_localization.py", f"udpclient://127.0.0.1:{kestrel.ports[0]}", 500)))
-        said = []
+        said, link = [], f"udpclient://127.0.0.1:{kestrel.ports[0]}"
+        watch = threading.Thread(target=lambda: said.append(run_program(kestrel, "watch_localization.py", link, 500)))
         watch.start()
         station.wait_ready(60.0)
         station.arm()

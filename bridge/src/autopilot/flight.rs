@@ -54,6 +54,10 @@ const OWN_STALL: Duration = Duration::from_millis(60);
 const OUTPUTS: usize = 256;
 
 /// An [`Output`] that waits, without the one that is a hundred times as large as the others.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "kept in a preallocated queue; a box would allocate in flight"
+)]
 enum Queued {
     Fc(FcBytes),
     Answer(Answer),

@@ -24,6 +24,8 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 use vehicle::Timestamp;
@@ -61,7 +63,7 @@ enum Stream {
 }
 
 /// What the loop hands over.
-#[expect(clippy::large_enum_variant, reason = "a box would allocate in flight")]
+#[allow(clippy::large_enum_variant, reason = "a box would allocate in flight")]
 enum Record {
     Bytes(Timestamp, FcBytes),
     Step(Timestamp, Step),
@@ -73,8 +75,7 @@ enum Record {
 pub struct UquadLogs {
     records: Option<SyncSender<Record>>,
     thread: Option<JoinHandle<()>>,
-    lost: u64,
-    lost_cell: std::sync::Arc<std::sync::atomic::AtomicU64>,
+    lost: Arc<AtomicU64>,
 }
 
 impl UquadLogs {
@@ -97,13 +98,13 @@ impl UquadLogs {
     /// No thread is left.
     pub fn writing_to<W: Write + Send + 'static>(sinks: Vec<W>, head: &str) -> io::Result<Self> {
         let (records, taken) = sync_channel(RECORDS);
-        let lost_cell = std::sync::Arc::new(std::sync::atomic::AtomicU64::new(0));
+        let lost = Arc::new(AtomicU64::new(0));
         let mut writer = Writer {
             sinks,
             decoder: BinaryDecoder::new(false),
             row: String::with_capacity(512),
             since_flush: 0,
-            lost: std::sync::Arc::clone(&lost_cell),
+            lost: Arc::clone(&lost),
         };
         let head = head.to_owned();
         let thread = thread::Builder::new()
@@ -112,8 +113,7 @@ impl UquadLogs {
         Ok(Self {
             records: Some(records),
             thread: Some(thread),
-            lost: 0,
-            lost_cell,
+            lost,
         })
     }
 
@@ -134,17 +134,15 @@ impl UquadLogs {
 
     /// Records that the disk was too slow for.
     #[must_use]
-    pub const fn lost(&self) -> u64 {
-        self.lost
+    pub fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
     }
 
     fn hand_over(&mut self, record: Record) {
         if let Some(records) = &self.records
             && records.try_send(record).is_err()
         {
-            self.lost += 1;
-            self.lost_cell
-                .store(self.lost, std::sync::atomic::Ordering::Relaxed);
+            self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
@@ -164,7 +162,7 @@ struct Writer<W> {
     decoder: BinaryDecoder,
     row: String,
     since_flush: u32,
-    lost: std::sync::Arc<std::sync::atomic::AtomicU64>,
+    lost: Arc<AtomicU64>,
 }
 
 impl<W: Write> Writer<W> {
@@ -182,7 +180,7 @@ impl<W: Write> Writer<W> {
                 self.flush();
             }
         }
-        let lost = self.lost.load(std::sync::atomic::Ordering::Relaxed);
+        let lost = self.lost.load(Ordering::Relaxed);
         let _ = writeln!(self.row, "end: {lost} records lost to a slow disk");
         self.put(Stream::Errors);
         self.flush();
@@ -314,7 +312,7 @@ mod tests {
     use super::*;
     use crate::uquad::Uquad;
     use estimator::imu::RawFrame;
-    use std::sync::{Arc, Mutex};
+    use std::sync::Mutex;
 
     /// A disk that stands still while somebody else holds it.
     #[derive(Clone, Default)]
