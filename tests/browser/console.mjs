@@ -10,6 +10,7 @@ import { tmpdir } from 'node:os';
 import path from 'node:path';
 import { armAndTakeOff, bin, browser, check, clickOnPlan, open, PASSWORD, pictures, Program, seconds, sleep, state, until, waitFor } from './harness.mjs';
 import { SEVERAL } from './several.mjs';
+import { videoTests } from './video.mjs';
 
 let passed = 0;
 let failed = 0;
@@ -341,6 +342,8 @@ const TESTS = {
     } finally { await program.stop(); }
   },
 };
+
+Object.assign(TESTS, videoTests({ Program, open, waitFor, check, sleep, pictures, busy: !!process.env.KESTREL_BUSY }));
 
 const only = process.argv[2];
 for (const [name, test] of Object.entries({ ...TESTS, ...SEVERAL })) {

@@ -125,6 +125,7 @@ fn run(load: &Load) -> Outcome {
             us,
             plan,
             settings,
+            camera: None,
         },
         links.joint(),
     )

@@ -439,6 +439,7 @@ fn others_reach_the_console_only_when_somebody_has_a_password() {
         },
         plan: std::sync::Arc::clone(room.floor_plan()),
         settings: bridge::settings::Settings::default(),
+        camera: None,
     };
     let refused = Console::start(config, links.joint())
         .err()

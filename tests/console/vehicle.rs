@@ -102,6 +102,7 @@ pub fn start_with(users: &[(&str, Role)], has_link: bool, wanted: &[Wanted]) -> 
             us: our_address(&settings),
             plan: lockstep.simulator.floor_plan(),
             settings,
+            camera: None,
         },
         links.joint(),
     )

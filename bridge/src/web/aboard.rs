@@ -5,6 +5,7 @@ use super::gate::Refused;
 use super::picture::Picture;
 use super::recording;
 use super::routes::{Reply, json, no, unavailable};
+use super::signal::Desk;
 use crate::gcs::disk::Folder;
 use crate::io::net::Joint;
 use crate::log::LogFile;
@@ -33,6 +34,8 @@ pub(super) struct Aboard {
     pub(super) us: Address,
     /// Its name for people.
     pub(super) name: String,
+    /// Its camera, if it has one.
+    pub(super) camera: Option<Arc<dyn Desk>>,
     logs: Option<PathBuf>,
 }
 
@@ -51,6 +54,7 @@ impl Aboard {
             anchor,
             us: config.us,
             name: config.vehicle,
+            camera: config.camera,
             logs: config.state_dir.map(|d| d.join(Folder::Logs.name())),
         }
     }

@@ -7,6 +7,7 @@ use super::ledger::{Books, FILE, Ledger, LedgerError, Note};
 use super::picture::Picture;
 use super::place::Place;
 use super::sessions::{Entrant, Session, SessionId, Sessions};
+use super::signal::{Desk, VIEWERS};
 use super::throttle::Throttle;
 use super::{listener, password, tls};
 use crate::io::clock::Clock;
@@ -58,6 +59,8 @@ pub struct ConsoleConfig {
     pub plan: Arc<FloorPlan>,
     /// Its parameters, for their descriptions.
     pub settings: Settings,
+    /// Its camera, if it has one.
+    pub camera: Option<Arc<dyn Desk>>,
 }
 
 /// What a console off the drone is made from, for several vehicles.
@@ -194,6 +197,7 @@ impl Console {
             entry: Mutex::new(Entry::Password),
             hashing: Semaphore::new(1),
             sockets: AtomicUsize::new(0),
+            viewers: Arc::new(Semaphore::new(VIEWERS)),
             tell,
             address,
         });
@@ -326,6 +330,7 @@ pub(super) struct Server {
     /// One password at a time: the flight loop has the other cores.
     hashing: Semaphore,
     sockets: AtomicUsize,
+    pub(super) viewers: Arc<Semaphore>,
     tell: SyncSender<String>,
     address: SocketAddr,
 }

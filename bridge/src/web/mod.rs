@@ -17,6 +17,7 @@
 //! | `gate` | host, origin, session and role of every request; headers of every answer |
 //! | `routes` | the table of all routes and what each does |
 //! | `socket`, `witness` | one page's WebSocket; what it asked for is written down |
+//! | [`signal`] | the WebSocket of the camera's viewers |
 //! | `pages` | the page's files, in the binary |
 
 mod aboard;
@@ -38,6 +39,7 @@ mod relay;
 pub mod role;
 mod routes;
 pub mod sessions;
+pub mod signal;
 mod socket;
 pub mod throttle;
 mod tls;

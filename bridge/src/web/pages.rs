@@ -46,6 +46,7 @@ files! {
     "/style.css" "style.css" "text/css; charset=utf-8"
     "/telemetry.js" "telemetry.js" "text/javascript; charset=utf-8"
     "/theme.js" "theme.js" "text/javascript; charset=utf-8"
+    "/video.js" "video.js" "text/javascript; charset=utf-8"
     "/words.js" "words.js" "text/javascript; charset=utf-8"
 }
 

@@ -6,7 +6,7 @@ mod entry;
 use super::console::Server;
 use super::gate::{Refused, problem};
 use super::role::Role;
-use super::{aboard, fleet, gate, pages, socket};
+use super::{aboard, fleet, gate, pages, signal, socket};
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{HeaderValue, Method, StatusCode, Uri, header};
@@ -108,6 +108,12 @@ pub(super) const TABLE: &[Route] = &[
         path: "/api/socket",
         access: Needs(Role::Viewer),
         handler: || get(socket::open),
+    },
+    Route {
+        method: Get,
+        path: "/signal",
+        access: Needs(Role::Viewer),
+        handler: || get(signal::open),
     },
     Route {
         method: Get,

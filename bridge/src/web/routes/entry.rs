@@ -37,6 +37,7 @@ fn described(session: &Session, server: &Server) -> serde_json::Value {
         "system": session.system,
         "vehicle": vehicle,
         "vehicles": vehicles,
+        "camera": server.aboard.as_ref().map(|a| a.camera.is_some()),
         "version": env!("CARGO_PKG_VERSION"),
     })
 }
