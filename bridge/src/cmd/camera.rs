@@ -22,7 +22,7 @@ pub(crate) struct CameraArgs {
         allow_hyphen_values = true
     )]
     camera: Option<String>,
-    /// Send the camera's picture to a ground station too (RTP, H.264; repeatable): HOST[:PORT], port 5600 if none is named.
+    /// Send the camera's picture to a ground station too (RTP, H.264; repeatable): a host, and a port if it is not 5600.
     /// Stations are told of it.
     #[arg(long, value_name = "HOST[:PORT]")]
     video_to: Vec<String>,
