@@ -3,6 +3,7 @@
 //! | Module | Holds |
 //! | --- | --- |
 //! | [`autopilot`] | the brain: [`Flight`](autopilot::flight::Flight), [`Ground`](autopilot::ground::Ground) and the typed [`door`](autopilot::door) between them |
+//! | [`experiment`] | fault-injection campaigns in virtual time, judged by truth |
 //! | [`fc`] | towards the flight controller: MSP schedule, unit conversion, RC output |
 //! | [`gcs`] | towards the ground: one MAVLink service per file |
 //! | [`log`] | flight logs: what is recorded, how it is written, read and flown again |
@@ -16,6 +17,7 @@
 //! | [`web`] | the operator's console: one page, one WebSocket, accounts |
 
 pub mod autopilot;
+pub mod experiment;
 pub mod fc;
 pub mod gcs;
 pub mod io;

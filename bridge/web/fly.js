@@ -43,7 +43,7 @@ export function flyPane(app) {
     land: action('land', 'down', () => ask(app, t('land'), station.land()), 'L'),
     return: action('return', 'home', () => ask(app, t('return'), station.returnHome()), 'R'),
     hold: action('hold', 'hold', () => ask(app, t('hold'), station.setMode('Hold')), 'H'),
-    patrol: action('patrol', 'route', () => ask(app, t('patrol'), vehicle.state?.mission === 3 ? station.setMode('Mission') : station.startMission()), 'P'),
+    patrol: action('patrol', 'route', () => ask(app, t('patrol'), vehicle.state?.mission === 2 ? station.setMode('Hold') : vehicle.state?.mission === 3 ? station.setMode('Mission') : station.startMission()), 'P'),
     sticks: action('sticks', 'pad', () => app.sticks?.toggle(), 'G'),
   };
   const modes = h('div.segments', { role: 'group', 'aria-label': t('manual') }, MANUAL.map((m) => h('button', { 'data-mode': m, title: t(`d_${m}`), onclick: () => ask(app, t(`m_${m}`), station.setMode(m)) }, t(`m_${m}`))));

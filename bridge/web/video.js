@@ -1,6 +1,7 @@
 // The camera's picture: a WebRTC session agreed on by the words of MAVLink Camera Manager, only while somebody looks.
 
 import { h, icon, num, put, toggle } from './dom.js';
+import { below } from './login.js';
 import { t } from './words.js';
 
 const RETRY = [500, 1000, 2000, 4000];
@@ -74,7 +75,7 @@ export class Viewer extends EventTarget {
   }
 
   #open() {
-    const socket = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}/signal`);
+    const socket = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}${below('/signal')}`);
     this.socket = socket;
     if (this.state !== 'none') this.#become('connecting');
     let consumer = '';
@@ -176,7 +177,7 @@ export function videoCard(app) {
   const frame = h('div.camera', video, note, badge, h('div.tools', record, large));
   const el = h('section.card', h('h2', icon('camera', 15), t('video')), frame);
   const viewer = (app.video = new Viewer(video));
-  if (!app.session.camera) { viewer.absent = true; viewer.state = 'none'; }
+  if (app.session.camera === false) { viewer.absent = true; viewer.state = 'none'; }
   let shown = true;
   let recorder = null;
 

@@ -8,7 +8,7 @@ const TABLE = {
     fly: 'Fly', mission: 'Mission', charts: 'Charts', parameters: 'Parameters', log: 'Log', people: 'People', health: 'Health',
     connecting: 'Connecting …', lost: 'No connection to the drone: it holds or lands by itself', over: 'Your session is over: log in again',
     no_state: 'Waiting for the drone …', armed: 'Armed', disarmed: 'Disarmed', ready: 'Ready to fly', flying: 'Flying', landing: 'Landing', taking_off: 'Taking off',
-    control: 'Control', take: 'Take control', release: 'Give up control', you: 'You have control', nobody: 'Nobody has control', other: '{who} has control',
+    control: 'Control', take: 'Take control', release: 'Release', you: 'You have control', nobody: 'Nobody has control', other: '{who} has control',
     station: 'Station {n}', ask: 'Ask for control', asked: 'Asked: waiting for an answer', asks: '{who} asks for control', hand: 'Hand over', keep: 'Keep', viewer: 'You may watch and stop',
     slide_arm: 'Slide to arm', not_ready: 'Not ready', disarm: 'Disarm', takeoff: 'Take off', land: 'Land', return: 'Return', hold: 'Hold', patrol: 'Patrol', stop: 'STOP', stop_again: 'again: LAND',
     sticks: 'Sticks', auto: 'Automatic', manual: 'Manual',
@@ -30,6 +30,9 @@ const TABLE = {
     avoid: 'Avoid', avoid_why: 'Fly round obstacles (VFH_ENABLE)', evade: 'Give way', evade_why: 'Step aside for people (AVOID_EVADE)', search_place: 'Find place', search_place_why: 'Take off and look round when the place is not known (LOC_SEARCH)',
     live: 'Live', replay: 'Replay', play: 'Play', save_recording: 'Save this recording', open_recording: 'Open a recording', not_a_recording: 'This is not a recording of this console', replay_click: 'This is a replay: go back to live to fly',
     keys: 'Esc stops · T takes off · L lands · 0 whole plan', failed: '{what}: {why}', ago: '{n} s ago', percent: '{n} %',
+    vehicles: 'Vehicles', open: 'Open', reachable: 'Reachable', not_yours: 'Not assigned to you', no_vehicles: 'No vehicle is assigned to you: ask an administrator.', no_vehicles_admin: 'No vehicle yet: add the first one.',
+    add_vehicle: 'Add vehicle', vehicle_url: 'Address with its key', vehicle_name: 'Name here (or what it calls itself)', vehicle_url_why: '“kestrel passwd --key NAME” on the drone prints it; a simulator’s link does as well.', assigned_to: 'Assigned to', assign: 'Assign to {who}', take_away: 'Take away from {who}',
+    look_again: 'Replay', looking: 'The drone flies the log again …',
   },
   es: {
     title: 'Consola Kestrel', login: 'Entrar', logout: 'Salir', user: 'Usuario', password: 'Contraseña', enter: 'Entrar',
@@ -38,7 +41,7 @@ const TABLE = {
     fly: 'Volar', mission: 'Misión', charts: 'Gráficas', parameters: 'Parámetros', log: 'Registro', people: 'Personas', health: 'Estado',
     connecting: 'Conectando …', lost: 'Sin conexión con el dron: se mantiene o aterriza solo', over: 'Su sesión ha terminado: entre de nuevo',
     no_state: 'Esperando al dron …', armed: 'Armado', disarmed: 'Desarmado', ready: 'Listo para volar', flying: 'En vuelo', landing: 'Aterrizando', taking_off: 'Despegando',
-    control: 'Control', take: 'Tomar el control', release: 'Ceder el control', you: 'Usted tiene el control', nobody: 'Nadie tiene el control', other: '{who} tiene el control',
+    control: 'Control', take: 'Tomar el control', release: 'Ceder', you: 'Usted tiene el control', nobody: 'Nadie tiene el control', other: '{who} tiene el control',
     station: 'Estación {n}', ask: 'Pedir el control', asked: 'Pedido: esperando respuesta', asks: '{who} pide el control', hand: 'Ceder', keep: 'Conservar', viewer: 'Puede mirar y parar',
     slide_arm: 'Deslice para armar', not_ready: 'No está listo', disarm: 'Desarmar', takeoff: 'Despegar', land: 'Aterrizar', return: 'Volver', hold: 'Mantener', patrol: 'Patrullar', stop: 'PARAR', stop_again: 'otra vez: ATERRIZA',
     sticks: 'Mandos', auto: 'Automático', manual: 'Manual',
@@ -60,6 +63,9 @@ const TABLE = {
     avoid: 'Esquivar', avoid_why: 'Rodear obstáculos (VFH_ENABLE)', evade: 'Ceder paso', evade_why: 'Apartarse de las personas (AVOID_EVADE)', search_place: 'Buscar', search_place_why: 'Despegar y mirar alrededor si el lugar no se conoce (LOC_SEARCH)',
     live: 'En vivo', replay: 'Repetición', play: 'Reproducir', save_recording: 'Guardar esta grabación', open_recording: 'Abrir una grabación', not_a_recording: 'Esto no es una grabación de esta consola', replay_click: 'Esto es una repetición: vuelva a en vivo para volar',
     keys: 'Esc para · T despega · L aterriza · 0 todo el plano', failed: '{what}: {why}', ago: 'hace {n} s', percent: '{n} %',
+    vehicles: 'Drones', open: 'Abrir', reachable: 'Disponible', not_yours: 'No asignado a usted', no_vehicles: 'No tiene ningún dron asignado: pídalo a un administrador.', no_vehicles_admin: 'Aún no hay drones: añada el primero.',
+    add_vehicle: 'Añadir dron', vehicle_url: 'Dirección con su clave', vehicle_name: 'Nombre aquí (o el suyo propio)', vehicle_url_why: '«kestrel passwd --key NOMBRE» en el dron la muestra; también sirve el enlace de un simulador.', assigned_to: 'Asignado a', assign: 'Asignar a {who}', take_away: 'Quitar a {who}',
+    look_again: 'Repetir', looking: 'El dron vuela el registro otra vez …',
   },
 };
 

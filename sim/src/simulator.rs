@@ -58,6 +58,14 @@ pub enum Fault {
     DownSilent,
     /// One ranger of the ring is silent.
     RangerSilent(u8),
+    /// One ranger of the ring goes on saying what it said last.
+    RangerStuck(u8),
+    /// One motor, 0 to 3, gives no thrust.
+    MotorDead(u8),
+    /// Noise on the UART: of each 0.12 s of the flight controller's bytes only 15 ms arrive.
+    FcNoisy,
+    /// A worn connector: of each 40 ms of the flight controller's bytes 20 ms arrive.
+    FcLossy,
     /// The line of a lidar of its own is silent.
     LaserSilent(u8),
 }

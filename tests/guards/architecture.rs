@@ -220,7 +220,8 @@ fn the_truth_of_the_simulator_is_read_only_to_write_it_down() {
             "Wake",
             "FcClosed",
             "Gnss",
-            "Pose"
+            "Pose",
+            "Host"
         ]
     );
 }

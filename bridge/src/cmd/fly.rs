@@ -2,7 +2,7 @@
 
 use super::camera::{CameraArgs, CameraSeat};
 use super::fc::passthrough::open_door;
-use super::session::{LogWatch, end_log};
+use super::session::end_log;
 use super::sim::{AirframeArg, StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
@@ -16,12 +16,14 @@ use bridge::io::bench_line::BenchLine;
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
 use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
+use bridge::io::host::HostWatch;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
 use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
 use bridge::io::net::{LinkEvent, Links, Wanted};
 use bridge::io::passthrough::Door;
 use bridge::io::uquad_lockstep::simulated_calibration;
+use bridge::io::uquad_logs::{self, UquadLogs};
 use bridge::io::uquad_thread::{self, ImuSource, Motors};
 use bridge::log::{GroundRecord, Header};
 use bridge::settings::{Origin, Settings};
@@ -45,6 +47,8 @@ const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
 const LOOK: Duration = Duration::from_millis(2);
 /// A controller that has not said who it is after this does not hear us, or we not it.
 const FIRST_ANSWER: Duration = Duration::from_secs(6);
+/// What stopping the motors may take, and the frames that say so.
+const CUT: Duration = Duration::from_millis(200);
 /// Longest landing before the program ends anyway.
 const LANDING: Duration = Duration::from_secs(30);
 
@@ -76,7 +80,7 @@ pub(crate) struct FlyArgs {
     /// uQuad: frames of the calibration at rest.
     #[arg(long, value_name = "N", default_value_t = 512)]
     calibration_frames: u32,
-    /// uQuad: write x_hat.log and w.log into this folder.
+    /// uQuad: write its own text logs into this folder (imu_raw, kalman_in, flags, x_hat, w, w_ctrl, int, t_err, err), see docs/uquad.md.
     #[arg(long, value_name = "DIR")]
     log_dir: Option<PathBuf>,
     #[command(flatten)]
@@ -442,6 +446,16 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let logs = match &args.log_dir {
+        Some(folder) => {
+            let program = concat!("Kestrel ", env!("CARGO_PKG_VERSION"));
+            let head = uquad_logs::head(program, &imu, &calibration, &uquad);
+            let opened = UquadLogs::open(folder, &head)
+                .with_context(|| format!("cannot write the logs in {}", folder.display()))?;
+            Some(opened)
+        }
+        None => None,
+    };
     let flight = UquadFlight::new(
         clock.now(),
         UquadFlightConfig {
@@ -461,7 +475,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
-    let handle = uquad_thread::start(flight, source, &motors, args.log_dir.as_deref(), clock)?;
+    let (handle, thread) = uquad_thread::start(flight, source, &motors, logs, clock)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
         "Kestrel {}: uQuad, inertial unit {imu}, motors {}",
@@ -472,7 +486,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         terminal.line(&format!("  MAVLink {link}"));
     }
     terminal.line("  No position source: height, heading and tilt are held, the place is not.");
-    GroundLoop {
+    let ended = GroundLoop {
         ground,
         handle,
         links,
@@ -491,7 +505,10 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         shows_status: !args.headless,
         waits: args.wait,
     }
-    .run()
+    .run();
+    // The last rows of its logs.
+    let _ = thread.join();
+    ended
 }
 
 /// The thread of `--passthrough`: borrows the line for each client. What it has to tell comes out of the channel.
@@ -537,7 +554,7 @@ fn place_name(map: &Path) -> String {
 }
 
 /// What this machine is called by others.
-fn host_names() -> Vec<String> {
+pub(crate) fn host_names() -> Vec<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim().to_ascii_lowercase();
     if name.is_empty() {
@@ -595,10 +612,17 @@ impl GroundLoop {
         let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
-        let mut log_watch = LogWatch::default();
+        let pulse = self.handle.pulse();
+        if let Err(e) = bridge::io::watchdog::start(Arc::clone(&pulse)) {
+            self.terminal
+                .line(&format!("  systemd's watchdog cannot be told: {e}"));
+        }
+        let mut host_watch = HostWatch::default();
+        let mut host_pace = Pace::hz(1.0);
         // Made at first use, which would hold up the first station that asks.
         std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
+            pulse.ground();
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
                 let Some(e) = event.take() else { break };
@@ -675,8 +699,10 @@ impl GroundLoop {
                 self.ground.snapshot(now, &snapshot);
                 self.record(|| GroundRecord::Snapshot(Box::new(snapshot.clone())));
             }
-            if let Some(text) = log_watch.news(self.log.as_ref()) {
-                self.ground.say(now, Severity::Warning, text);
+            if host_pace.is_due(now) {
+                let disk_fails = self.log.as_ref().is_some_and(LogThread::is_failing);
+                let dropped = self.ground.counters().dropped_answers;
+                self.handle.tell_host(host_watch.look(disk_fails, dropped));
             }
             if self.ground.deadline() <= now {
                 self.ground.tick(now);
@@ -703,7 +729,7 @@ impl GroundLoop {
                 (1, None) => {
                     stopping_since = Some(now);
                     self.terminal
-                        .line("  Stopping: landing first (Ctrl-C again ends at once)");
+                        .line("  Stopping: landing first (Ctrl-C again stops the motors at once)");
                     let asked = Asked {
                         id: RequestId(0),
                         station: Station::default(),
@@ -718,7 +744,10 @@ impl GroundLoop {
                         break;
                     }
                 }
-                _ => break,
+                _ => {
+                    self.cut_motors(&mut snapshot);
+                    break;
+                }
             }
         }
         if let Some(log) = self.log.take() {
@@ -726,6 +755,28 @@ impl GroundLoop {
         }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Whoever asks twice wants it still, wherever it is.
+    fn cut_motors(&mut self, snapshot: &mut Snapshot) {
+        let asked = Asked {
+            id: RequestId(0),
+            station: Station::default(),
+            request: Request::Disarm { force: true },
+        };
+        let _ = self.handle.ask(asked);
+        let until = self.clock.now() + CUT;
+        while snapshot.is_armed && self.clock.now() < until {
+            clock::sleep(LOOK);
+            self.handle.read_snapshot(snapshot);
+        }
+        self.terminal.line(if snapshot.is_armed {
+            "  The motors could not be stopped: the flight controller's own failsafe decides"
+        } else {
+            "  Motors stopped"
+        });
+        // The frame that says so must reach the controller before its line is closed.
+        clock::sleep(CUT);
     }
 
     /// Shows the vehicle to the console's pages.

@@ -1,8 +1,11 @@
 //! Sub-commands of the program, one file each.
 
 pub(crate) mod camera;
+pub(crate) mod console;
 pub(crate) mod demo;
+pub(crate) mod doctor;
 pub(crate) mod eval;
+pub(crate) mod experiment;
 pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;

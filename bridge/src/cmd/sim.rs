@@ -145,6 +145,9 @@ pub(crate) struct SimArgs {
     /// Set a parameter: NAME=VALUE (repeatable).
     #[arg(long = "param", value_name = "NAME=VALUE")]
     pub(crate) params: Vec<String>,
+    /// At the end say what processor time went where: simulator, flight loop, MAVLink (a line of JSON).
+    #[arg(long)]
+    pub(crate) cpu: bool,
     /// No status line (a log line when something happens).
     #[arg(long)]
     pub(crate) headless: bool,
@@ -187,6 +190,7 @@ impl Default for SimArgs {
             no_console: false,
             config: None,
             params: Vec::new(),
+            cpu: false,
             headless: false,
             quiet: false,
         }
@@ -724,6 +728,9 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     let mut terminal = args.greet(&links);
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
+    }
+    if args.cpu {
+        lockstep.count_time();
     }
     Session {
         lockstep,

@@ -3,7 +3,7 @@
 use super::rooms;
 use anyhow::{Context as _, Result};
 use bridge::io::camera::SIZE;
-use bridge::io::clock::{self, thread_ns};
+use bridge::io::clock::{self, thread_cpu_ns};
 use bridge::video::encode::{Encoder, EncoderSettings};
 use bridge::video::rtp;
 use clap::{Args, Subcommand};
@@ -88,15 +88,15 @@ fn clip(room: Room, seconds: f64, file: &mut impl std::io::Write) -> Result<Stri
             In::new(0.0, 0.0, -1.0),
         ];
         let at_ms = (n as f64 * 1000.0 / settings.fps) as u64;
-        let begin = thread_ns();
+        let begin = thread_cpu_ns();
         camera.render(&shot, &mut picture);
         stamp(&mut picture, begin_ms + at_ms);
-        let drawn = thread_ns();
+        let drawn = thread_cpu_ns();
         // A key picture every second: a viewer may come at any time.
         let is_key = n % settings.fps as u64 == 0;
         let unit = encoder.encode(&picture, at_ms, is_key)?;
         drawing_ns += drawn - begin;
-        coding_ns += thread_ns() - drawn;
+        coding_ns += thread_cpu_ns() - drawn;
         if let Some(unit) = unit {
             file.write_all(&unit.annex_b)?;
             bytes += unit.annex_b.len();

@@ -69,9 +69,9 @@ pub fn instant() -> Instant {
     Instant::now()
 }
 
-/// Processor time that the calling thread has used, ns.
+/// Processor time of the calling thread, ns.
 #[must_use]
-pub fn thread_ns() -> u64 {
+pub fn thread_cpu_ns() -> u64 {
     let t = clock_gettime(ClockId::ThreadCPUTime);
     (t.tv_sec as u64) * 1_000_000_000 + t.tv_nsec as u64
 }

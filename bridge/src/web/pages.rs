@@ -28,6 +28,7 @@ files! {
     "/charts.js" "charts.js" "text/javascript; charset=utf-8"
     "/dom.js" "dom.js" "text/javascript; charset=utf-8"
     "/fly.js" "fly.js" "text/javascript; charset=utf-8"
+    "/hangar.js" "hangar.js" "text/javascript; charset=utf-8"
     "/hud.js" "hud.js" "text/javascript; charset=utf-8"
     "/icon.svg" "icon.svg" "image/svg+xml"
     "/link.js" "link.js" "text/javascript; charset=utf-8"

@@ -1,6 +1,7 @@
 //! The WebSocket on which a viewer and the camera agree on a session: words are carried, not understood. Cockpit and other viewers
 //! of MAVLink Camera Manager speak the same.
 
+use super::aboard::Aboard;
 use super::console::Server;
 use super::gate::{Arrival, Caller, problem};
 use axum::Extension;
@@ -40,11 +41,12 @@ pub trait Desk: Debug + Send + Sync {
 
 pub(super) async fn open(
     State(server): State<Arc<Server>>,
+    Extension(aboard): Extension<Arc<Aboard>>,
     Extension(arrival): Extension<Arrival>,
     Extension(caller): Extension<Caller>,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
-    let Some(desk) = server.camera.clone() else {
+    let Some(desk) = aboard.camera.clone() else {
         return problem(StatusCode::NOT_FOUND, "there is no camera");
     };
     let Ok(upgrade) = upgrade else {
