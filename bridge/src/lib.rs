@@ -12,6 +12,7 @@
 //! | [`settings`] | every parameter of every component, with where its value came from |
 //! | [`station`] | a small ground station: what `demo` and the tests fly with |
 //! | [`uquad`] | uQuad's loop: frames of its inertial unit to motor speeds |
+//! | `video` | the camera's picture: sources, H.264, WebRTC, RTP (feature `video`) |
 //! | [`io`] | the shell: threads, sockets, serial ports, clocks |
 //! | [`web`] | the operator's console: one page, one WebSocket, accounts |
 
@@ -26,4 +27,6 @@ pub mod sensor;
 pub mod settings;
 pub mod station;
 pub mod uquad;
+#[cfg(feature = "video")]
+pub mod video;
 pub mod web;

@@ -48,7 +48,9 @@ enum Command {
     Mav(cmd::mav::MavArgs),
     /// Make and show keys of signed MAVLink links.
     Keys(cmd::keys::KeysArgs),
-    /// Make, change and list users of the console.
+    /// A console off the drone, for several vehicles and their users.
+    Console(cmd::console::ConsoleArgs),
+    /// Make, change and list users of the console, and keys for consoles off the drone.
     Passwd(cmd::passwd::PasswdArgs),
     /// Show, check and import floor plans.
     Map(cmd::map::MapArgs),
@@ -68,6 +70,9 @@ enum Command {
     Experiment(cmd::experiment::ExperimentArgs),
     /// Fly a recorded flight again, compare, or with other parameters.
     Replay(cmd::replay::ReplayArgs),
+    /// The camera's picture: for players, and a recording to try things with.
+    #[cfg(feature = "video")]
+    Video(cmd::video::VideoArgs),
 }
 
 fn main() -> ExitCode {
@@ -86,6 +91,7 @@ fn main() -> ExitCode {
         Command::Msp(args) => cmd::msp::run(&args),
         Command::Mav(args) => cmd::mav::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
+        Command::Console(args) => cmd::console::run(args),
         Command::Passwd(args) => cmd::passwd::run(&args),
         Command::Map(args) => cmd::map::run(args),
         Command::Plan(args) => cmd::plan::run(&args),
@@ -96,6 +102,8 @@ fn main() -> ExitCode {
         Command::Log(args) => cmd::log::run(args),
         Command::Experiment(args) => cmd::experiment::run(&args),
         Command::Replay(args) => cmd::replay::run(args),
+        #[cfg(feature = "video")]
+        Command::Video(args) => cmd::video::run(&args),
     };
     match result {
         Ok(code) => code,

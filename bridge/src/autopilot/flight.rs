@@ -15,7 +15,7 @@ use super::arbiter::{Arbiter, Order};
 use super::arming::{Arming, FcArmState};
 use super::beat::Beat;
 use super::bench_work::BenchWork;
-use super::door::{Event, FcStatus, Notice, Snapshot};
+use super::door::{Answer, Event, FcStatus, Notice, Snapshot};
 use super::endurance::Endurance;
 use super::failsafes::{FC_SILENT_S, Facts, TABLE};
 use super::handover::Handover;
@@ -34,8 +34,8 @@ use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
-use estimator::Estimator;
 use estimator::kalman::Aid;
+use estimator::{Estimator, SearchRequest};
 use msp::client::Client;
 use msp::firmware::Firmware;
 use planner::mission::Mission;
@@ -52,6 +52,23 @@ use vehicle::{
 const OWN_STALL: Duration = Duration::from_millis(60);
 /// Outputs that wait to be polled at most; a tick makes about ten.
 const OUTPUTS: usize = 256;
+
+/// An [`Output`] that waits, without the one that is a hundred times as large as the others.
+enum Queued {
+    Fc(FcBytes),
+    Answer(Answer),
+    Event(Event),
+}
+
+impl From<Queued> for Output {
+    fn from(queued: Queued) -> Self {
+        match queued {
+            Queued::Fc(bytes) => Self::Fc(bytes),
+            Queued::Answer(answer) => Self::Answer(answer),
+            Queued::Event(event) => Self::Event(event),
+        }
+    }
+}
 
 /// Where the vehicle stands at start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,7 +142,9 @@ pub struct Flight {
     endurance: Endurance,
     control: ControlOutput,
     snapshot: Snapshot,
-    outputs: VecDeque<Output>,
+    outputs: VecDeque<Queued>,
+    /// A job to be handed out: thirty kilobytes, so it has a place of its own.
+    job: Option<SearchRequest>,
 }
 
 impl Flight {
@@ -211,6 +230,7 @@ impl Flight {
                 ..Snapshot::default()
             },
             outputs: VecDeque::with_capacity(OUTPUTS),
+            job: None,
             settings,
         }
     }
@@ -246,7 +266,10 @@ impl Flight {
 
     /// The next thing to do, if any.
     pub fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
+        if let Some(queued) = self.outputs.pop_front() {
+            return Some(queued.into());
+        }
+        self.job.take().map(Output::Job)
     }
 
     /// When to call [`handle`](Self::handle) with [`Input::Wake`] if nothing else happens.
@@ -684,8 +707,17 @@ impl Flight {
     fn emit(&mut self, output: Output) {
         // The shell drains after every input; a full queue means it does not, and then nothing it misses matters more
         // than staying within bounds.
+        let queued = match output {
+            Output::Fc(bytes) => Queued::Fc(bytes),
+            Output::Answer(answer) => Queued::Answer(answer),
+            Output::Event(event) => Queued::Event(event),
+            Output::Job(job) => {
+                self.job = Some(job);
+                return;
+            }
+        };
         if self.outputs.len() < OUTPUTS {
-            self.outputs.push_back(output);
+            self.outputs.push_back(queued);
         }
     }
 

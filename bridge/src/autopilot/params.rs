@@ -26,7 +26,7 @@ vehicle::params! {
         /// Speed of climb on take-off.
         climb_mps: float "MPC_TKO_SPEED" = 0.6, "m/s", 0.1..=2.0;
         /// Speed of descent in landing.
-        descent_mps: float "MPC_LAND_SPEED" = 0.4, "m/s", 0.1..=1.0;
+        descent_mps: float "MPC_LAND_SPEED" = 0.4, "m/s", 0.05..=1.0;
         /// Time after touch-down before the motors stop.
         disarm_after_landing_s: float "COM_DISARM_LAND" = 0.5, "s", 0.0..=20.0;
         /// Time disarmed on the ground after arming without take-off.
@@ -79,6 +79,10 @@ vehicle::params! {
         battery_reserve_s: float "KST_BAT_RESERVE" = 45.0, "s", 0.0..=600.0;
         /// Capacity of the battery, from which the time left is told before it has been learnt in flight; 0 unknown.
         battery_capacity_mah: float "BAT1_CAPACITY" = 0.0, "mAh", 0.0..=100000.0;
+        /// Sticks neutral and the arm switch low for so long before it goes up (1 s is what controllers need; SNSI waited 5 s).
+        arm_neutral_s: float "KST_ARM_NEUTRAL" = 1.0, "s", 1.0..=10.0;
+        /// Added to the flight controller's heading, clockwise: declination, or how its compass is mounted. What is told before the place is known.
+        heading_offset_deg: float "KST_HDG_OFFSET" = 0.0, "deg", -180.0..=180.0;
         /// A pilot's radio stays connected to the flight controller and takes over by its MSP OVERRIDE switch (override mask 15).
         radio: bool "KST_RADIO" = false;
         /// Motors may be turned by DO_MOTOR_TEST and ACTUATOR_TEST while disarmed: propellers off first.

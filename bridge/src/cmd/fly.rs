@@ -1,5 +1,6 @@
 //! `kestrel fly`: the real thing.
 
+use super::camera::{CameraArgs, CameraSeat};
 use super::fc::passthrough::open_door;
 use super::session::end_log;
 use super::sim::{AirframeArg, StartArg, parse_endpoints};
@@ -22,6 +23,7 @@ use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull
 use bridge::io::net::{LinkEvent, Links, Wanted};
 use bridge::io::passthrough::Door;
 use bridge::io::uquad_lockstep::simulated_calibration;
+use bridge::io::uquad_logs::{self, UquadLogs};
 use bridge::io::uquad_thread::{self, ImuSource, Motors};
 use bridge::log::{GroundRecord, Header};
 use bridge::settings::{Origin, Settings};
@@ -78,7 +80,7 @@ pub(crate) struct FlyArgs {
     /// uQuad: frames of the calibration at rest.
     #[arg(long, value_name = "N", default_value_t = 512)]
     calibration_frames: u32,
-    /// uQuad: write x_hat.log and w.log into this folder.
+    /// uQuad: write its own text logs into this folder (imu_raw, kalman_in, flags, x_hat, w, w_ctrl, int, t_err, err), see docs/uquad.md.
     #[arg(long, value_name = "DIR")]
     log_dir: Option<PathBuf>,
     #[command(flatten)]
@@ -109,9 +111,8 @@ pub(crate) struct FlyArgs {
     /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
     #[arg(long, value_name = "URL")]
     passthrough: Option<String>,
-    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
-    #[arg(long, value_name = "URL")]
-    video: Option<String>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Open the console, the page in a browser, at this address (127.0.0.1:8443 if none is named). Other machines reach it only
     /// when somebody has a password: see `kestrel passwd`.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
@@ -175,6 +176,8 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let listen = args.console.map(|a| a.ip());
+    let camera = args.camera.start(&mut ground, listen, None)?;
     let console_config = args.console.map(|listen| ConsoleConfig {
         listen,
         is_default: false,
@@ -185,6 +188,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         us: our_address(&settings),
         plan: Arc::clone(&plan),
         settings: settings.clone(),
+        camera: camera.desk(),
     });
     let config = FlightConfig {
         plan,
@@ -217,7 +221,6 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         ground.say(clock.now(), Severity::Warning, why);
     }
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
-    ground.set_video(super::video(args.video.as_deref())?);
     if let Some(feed) = suite.mavlink {
         ground.listen_to_sensors(feed);
     }
@@ -256,6 +259,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         handle,
         links,
         console,
+        camera: Some(camera),
         keep,
         log,
         tap: ground_tap,
@@ -442,6 +446,16 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let logs = match &args.log_dir {
+        Some(folder) => {
+            let program = concat!("Kestrel ", env!("CARGO_PKG_VERSION"));
+            let head = uquad_logs::head(program, &imu, &calibration, &uquad);
+            let opened = UquadLogs::open(folder, &head)
+                .with_context(|| format!("cannot write the logs in {}", folder.display()))?;
+            Some(opened)
+        }
+        None => None,
+    };
     let flight = UquadFlight::new(
         clock.now(),
         UquadFlightConfig {
@@ -461,7 +475,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
     ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
-    let handle = uquad_thread::start(flight, source, &motors, args.log_dir.as_deref(), clock)?;
+    let (handle, thread) = uquad_thread::start(flight, source, &motors, logs, clock)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
         "Kestrel {}: uQuad, inertial unit {imu}, motors {}",
@@ -472,11 +486,12 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         terminal.line(&format!("  MAVLink {link}"));
     }
     terminal.line("  No position source: height, heading and tilt are held, the place is not.");
-    GroundLoop {
+    let ended = GroundLoop {
         ground,
         handle,
         links,
         console: None,
+        camera: None,
         keep,
         log: None,
         tap: None,
@@ -490,7 +505,10 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         shows_status: !args.headless,
         waits: args.wait,
     }
-    .run()
+    .run();
+    // The last rows of its logs.
+    let _ = thread.join();
+    ended
 }
 
 /// The thread of `--passthrough`: borrows the line for each client. What it has to tell comes out of the channel.
@@ -536,7 +554,7 @@ fn place_name(map: &Path) -> String {
 }
 
 /// What this machine is called by others.
-fn host_names() -> Vec<String> {
+pub(crate) fn host_names() -> Vec<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim().to_ascii_lowercase();
     if name.is_empty() {
@@ -563,6 +581,7 @@ struct GroundLoop {
     handle: FlightHandle,
     links: Links,
     console: Option<Console>,
+    camera: Option<CameraSeat>,
     keep: Keep,
     log: Option<LogThread>,
     tap: Option<GroundTap>,
@@ -659,6 +678,9 @@ impl GroundLoop {
                     }
                 }
                 self.carry_out();
+            }
+            while let Some(line) = self.camera.as_ref().and_then(CameraSeat::poll_told) {
+                self.terminal.line(&format!("  {line}"));
             }
             while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
                 self.terminal.line(&format!("  {text}"));

@@ -1,5 +1,6 @@
 //! A simulated vehicle behind sockets until somebody says stop.
 
+use super::camera::CameraSeat;
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
@@ -12,12 +13,14 @@ use bridge::io::clock::Clock;
 use bridge::io::endpoint::Endpoint;
 use bridge::io::firmware::Outside;
 use bridge::io::keep::Keep;
-use bridge::io::lockstep::{Lockstep, Outgoing};
+use bridge::io::lockstep::{Lockstep, Outgoing, Spent};
 use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
 use bridge::io::uquad_lockstep::UquadLockstep;
 use bridge::web::{Console, Picture};
+use sim::camera::Shot;
 use std::collections::BTreeSet;
+use std::io::Write as _;
 use std::process::ExitCode;
 use std::time::Duration;
 use vehicle::{Pace, Timestamp};
@@ -70,6 +73,20 @@ pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
     }
 }
 
+/// One line of JSON: seconds of simulated time and of the processor.
+fn tell_time(spent: &Spent, now: Timestamp) {
+    let s = |ns: u64| ns as f64 * 1e-9;
+    let line = serde_json::json!({
+        "simulated_s": now.s(),
+        "simulator_s": s(spent.simulator_ns),
+        "flight_s": s(spent.flight_ns),
+        "ground_s": s(spent.ground_ns),
+        "search_s": s(spent.search_ns),
+        "thread_s": s(bridge::io::clock::thread_cpu_ns()),
+    });
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
 /// A simulated vehicle with its brain, whichever.
 pub(crate) trait World {
     fn now(&self) -> Timestamp;
@@ -84,6 +101,8 @@ pub(crate) trait World {
     fn host(&mut self, report: HostReport);
     fn poll(&mut self) -> Option<Outgoing>;
     fn flush(&mut self);
+    /// What its camera sees.
+    fn shot(&self) -> Shot;
     fn write_error(&mut self) -> Option<std::io::Error>;
     /// The brain, if it is the one whose thoughts the console shows.
     fn flight(&self) -> Option<&Flight> {
@@ -91,6 +110,10 @@ pub(crate) trait World {
     }
     /// The real firmware, if it flies.
     fn firmware(&mut self) -> Option<&mut Outside> {
+        None
+    }
+    /// Where processor time went, if it is counted.
+    fn spent(&self) -> Option<Spent> {
         None
     }
 }
@@ -135,6 +158,9 @@ macro_rules! world {
             fn flush(&mut self) {
                 <$world>::flush(self);
             }
+            fn shot(&self) -> Shot {
+                self.simulator.shot(0)
+            }
             fn write_error(&mut self) -> Option<std::io::Error> {
                 self.write_error.take()
             }
@@ -150,6 +176,9 @@ world!(Lockstep {
     fn firmware(&mut self) -> Option<&mut Outside> {
         Self::firmware(self)
     }
+    fn spent(&self) -> Option<Spent> {
+        Self::spent(self)
+    }
 });
 world!(UquadLockstep {});
 
@@ -158,6 +187,7 @@ pub(crate) struct Session<W> {
     pub(crate) lockstep: W,
     pub(crate) links: Links,
     pub(crate) console: Option<Console>,
+    pub(crate) camera: CameraSeat,
     pub(crate) keep: Keep,
     pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
@@ -248,6 +278,9 @@ impl<W: World> Session<W> {
         self.carry_out();
         self.lockstep.flush();
         self.terminal.finish();
+        if let Some(spent) = self.lockstep.spent() {
+            tell_time(&spent, self.lockstep.now());
+        }
         if let Some(log) = self.log.take() {
             end_log(log, &mut self.terminal);
         }
@@ -288,6 +321,11 @@ impl<W: World> Session<W> {
 
     /// Shows the vehicle to the console's pages.
     fn show(&mut self, known: &BTreeSet<LinkId>) {
+        let world = &self.lockstep;
+        self.camera.show(|| Some(world.shot()));
+        while let Some(line) = self.camera.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
         let Some(console) = &mut self.console else {
             return;
         };

@@ -104,6 +104,7 @@ pub struct Lockstep {
     kept: Option<Vec<(Timestamp, Input)>>,
     /// The real firmware instead of the fake controller.
     firmware: Option<Outside>,
+    spent: Option<Spent>,
     ticks_seen: u64,
     held_until: Timestamp,
     planned_hold: Option<(Timestamp, Duration)>,
@@ -111,6 +112,33 @@ pub struct Lockstep {
     keeper: Keeper,
     /// First failure of a file being written; flying goes on.
     pub write_error: Option<io::Error>,
+}
+
+/// Processor time of the thread of the lockstep, by what it went into, ns.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Spent {
+    /// World, fake controller and sensors.
+    pub simulator_ns: u64,
+    /// The flight loop: estimate, localization, planner, control.
+    pub flight_ns: u64,
+    /// MAVLink services and telemetry.
+    pub ground_ns: u64,
+    /// Global searches of the place, a thread of their own on a vehicle.
+    pub search_ns: u64,
+    since_ns: u64,
+}
+
+impl Spent {
+    fn begin(&mut self) {
+        self.since_ns = super::clock::thread_cpu_ns();
+    }
+
+    fn lap(&mut self, of: impl FnOnce(&mut Self) -> &mut u64) {
+        let now = super::clock::thread_cpu_ns();
+        let lap = now - self.since_ns;
+        *of(self) += lap;
+        self.since_ns = now;
+    }
 }
 
 impl Lockstep {
@@ -167,6 +195,7 @@ impl Lockstep {
             texts_logged: 0,
             kept: None,
             firmware: None,
+            spent: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
             planned_hold: None,
@@ -309,18 +338,23 @@ impl Lockstep {
             self.planned_hold = None;
             self.hold_flight(duration);
         }
+        if let Some(spent) = &mut self.spent {
+            spent.begin();
+        }
         let inputs = &mut self.inputs;
         self.simulator.advance(now, &mut |vehicle, output| {
             if vehicle == 0 {
                 push_inputs(inputs, output);
             }
         });
+        self.lap(|s| &mut s.simulator_ns);
         if let Some(firmware) = &mut self.firmware {
             firmware.exchange(now, &mut self.simulator, &mut self.inputs);
         }
         if let Some((_, job)) = self.jobs.pop_front_if(|(at, _)| *at <= now) {
             self.inputs
                 .push_back(Input::JobDone(estimator::search(&job)));
+            self.lap(|s| &mut s.search_ns);
         }
         if now >= self.frozen_until
             && let Some(frame) = self.keeper.poll(now)
@@ -338,6 +372,7 @@ impl Lockstep {
                 self.feed(Input::Wake);
             }
         }
+        self.lap(|s| &mut s.flight_ns);
         let ticks = self.flight.snapshot().flight_loop.ticks;
         if ticks != self.ticks_seen {
             self.ticks_seen = ticks;
@@ -352,12 +387,30 @@ impl Lockstep {
             self.ground.tick(now);
         }
         self.drain_ground();
+        self.lap(|s| &mut s.ground_ns);
         if self.truth_pace.is_due(now)
             && let Some(truth) = &mut self.truth
         {
             let row = Row::take(now, &self.simulator, 0, self.flight.snapshot());
             keep_first(&mut self.write_error, truth.write(&row));
         }
+    }
+
+    fn lap(&mut self, of: impl FnOnce(&mut Spent) -> &mut u64) {
+        if let Some(spent) = &mut self.spent {
+            spent.lap(of);
+        }
+    }
+
+    /// From now on it is counted what processor time goes where.
+    pub fn count_time(&mut self) {
+        self.spent.get_or_insert_default();
+    }
+
+    /// Where processor time went, if it is counted.
+    #[must_use]
+    pub const fn spent(&self) -> Option<Spent> {
+        self.spent
     }
 
     /// Gives `Flight` an input and carries out what it wants.

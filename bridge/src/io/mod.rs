@@ -16,6 +16,7 @@
 //! | [`terminal`] | pseudo terminals that simulated devices speak on |
 //! | [`mod@line`] | that line: serial port or TCP connection, whole frames or nothing |
 //! | [`realtime`] | SCHED_FIFO, locked memory, timer slack, where allowed |
+//! | `camera` | the thread of the camera: pictures to browsers and ground stations |
 //! | [`clock`] | the only reader of the clock |
 //! | [`timer`] | an absolute timer to wait for in `poll` |
 //! | [`inject`] | MAV_CMD_INJECT_FAILURE in the simulator |
@@ -28,6 +29,12 @@
 //! | [`keep`] | documents on disk, written atomically |
 
 pub mod bench_line;
+#[cfg(feature = "video")]
+pub mod camera;
+#[cfg(feature = "video")]
+mod camera_feed;
+#[cfg(feature = "video")]
+mod camera_rtp;
 pub mod clock;
 pub mod doctor;
 pub mod endpoint;
@@ -50,5 +57,6 @@ pub mod terminal;
 pub mod timer;
 pub mod truth;
 pub mod uquad_lockstep;
+pub mod uquad_logs;
 pub mod uquad_thread;
 pub mod watchdog;

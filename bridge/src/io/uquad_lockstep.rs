@@ -109,6 +109,7 @@ pub struct UquadLockstep {
     truth_pace: Pace,
     ticks_seen: u64,
     line_is_cut_until: Timestamp,
+    design_delay: Duration,
     /// First failure of a file being written.
     pub write_error: Option<io::Error>,
 }
@@ -192,6 +193,7 @@ impl UquadLockstep {
             truth_pace: Pace::hz(TRUTH_HZ),
             ticks_seen: 0,
             line_is_cut_until: Timestamp::ZERO,
+            design_delay: DESIGN_DELAY,
             write_error: None,
         })
     }
@@ -204,6 +206,11 @@ impl UquadLockstep {
     /// For tests of failsafes: the bytes of the inertial unit are lost for a time.
     pub fn cut_line(&mut self, duration: Duration) {
         self.line_is_cut_until = self.now + duration;
+    }
+
+    /// For tests of the loop beside it: gains take this long to be made.
+    pub const fn delay_gains(&mut self, duration: Duration) {
+        self.design_delay = duration;
     }
 
     /// Virtual time.
@@ -349,7 +356,8 @@ impl UquadLockstep {
                 UquadOutput::Event(event) => self.ground.event(self.now, &event),
                 UquadOutput::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),
                 UquadOutput::Design(request) => {
-                    self.designs.push_back((self.now + DESIGN_DELAY, request));
+                    self.designs
+                        .push_back((self.now + self.design_delay, request));
                 }
             }
         }

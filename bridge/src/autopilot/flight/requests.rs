@@ -8,6 +8,7 @@ use crate::autopilot::handover::Steering;
 use crate::autopilot::health::{self, Checks};
 use crate::autopilot::mode::{Because, Mode};
 use crate::settings::Origin;
+use core::time::Duration;
 use vehicle::{In, NavState, Ned, Timestamp};
 
 impl Flight {
@@ -23,6 +24,8 @@ impl Flight {
             self.armed(None);
             return;
         }
+        let wanted_s = self.settings.autopilot.arm_neutral_s;
+        self.fc_arm.neutral_beyond = Duration::from_secs_f64((wanted_s - 1.0).max(0.0));
         match self.arming.step(now, &self.fc_arm) {
             Some(Change::Armed(asker)) => self.armed(asker),
             Some(Change::Failed(asker)) => {
