@@ -187,7 +187,12 @@ impl Fault {
             Self::FcNoisy => row(
                 "fc-noisy",
                 false,
-                &[Because::FcSlow, Because::FcSilent, Because::EstimatorFailed],
+                &[
+                    Because::FcSlow,
+                    Because::FcSilent,
+                    Because::EstimatorFailed,
+                    Because::Inconsistent,
+                ],
             ),
             // Half of its bytes are lost, where more is asked for than is left.
             Self::FcSlow => row("fc-slow", true, &[Because::FcSlow]),
