@@ -96,6 +96,10 @@ type Driven = [[f64x2; DRIVING_PAIRS]; 3];
 /// Velocity's change (rows) with velocity and position of each axis (pairs of columns).
 type Moved = [[f64x2; 3]; 3];
 
+#[expect(
+    clippy::needless_range_loop,
+    reason = "rows, columns and axes are counted together; written so, the compiler makes one straight line of it"
+)]
 impl Step {
     #[inline(always)]
     fn new(t: &Transition) -> Self {
@@ -157,10 +161,6 @@ impl Step {
 
     /// Columns of velocity and position of one axis in the driving states' rows; how velocity changes with them.
     #[inline(always)]
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "written so, the compiler makes one straight line of it"
-    )]
     fn moving_columns(&self, rows: &mut [Row; SIZE], axis: usize, driven: &Driven) -> [f64x2; 3] {
         let pair = M / LANES + axis;
         let carry = f64x2::new([0.0, self.dt]);
