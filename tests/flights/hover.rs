@@ -32,6 +32,96 @@ fn arms_climbs_hovers_and_lands() {
     f.assert(f.truth().position.norm_xy() < 0.3, "landed elsewhere");
 }
 
+/// How a landing from 1.5 m went.
+struct Descended {
+    /// From 1.3 to 0.6 m, m/s.
+    speed_mps: f64,
+    /// Last speed before it stood, m/s.
+    touch_mps: f64,
+    /// Most that it rose again, m.
+    rose_m: f64,
+    /// From standing to motors off, s.
+    disarmed_s: f64,
+}
+
+fn descend(land_mps: &str, from_m: f64) -> Descended {
+    let mut f = Scenario::office().param("MPC_LAND_SPEED", land_mps).start();
+    f.take_off(from_m);
+    f.wait_s(4.0);
+    assert_eq!(f.set_mode(modes::LAND), 0);
+    let mut path = vec![];
+    let mut stood_s = None;
+    let mut t = 0.0;
+    while f.snapshot().is_armed {
+        f.wait_s(0.02);
+        t += 0.02;
+        let truth = f.truth();
+        path.push((t, -truth.position.z(), truth.velocity.z()));
+        if truth.on_floor && stood_s.is_none() {
+            stood_s = Some(t);
+        }
+        f.assert(t < 200.0, "never came down");
+    }
+    f.assert(f.truth().on_floor && f.truth().contacts == 0, "stands");
+    let at = |height: f64| {
+        path.iter()
+            .find(|(_, z, _)| *z < height)
+            .map_or(f64::NAN, |p| p.0)
+    };
+    let (high, low) = (0.87 * from_m, 0.4 * from_m);
+    let stood_s = stood_s.unwrap_or(f64::NAN);
+    let mut lowest = f64::INFINITY;
+    let mut rose_m = 0.0_f64;
+    for (_, z, _) in path.iter().filter(|p| p.0 < stood_s) {
+        lowest = lowest.min(*z);
+        rose_m = rose_m.max(z - lowest);
+    }
+    let before = path.iter().filter(|p| p.0 < stood_s - 0.03);
+    Descended {
+        speed_mps: (high - low) / (at(low) - at(high)),
+        touch_mps: before.last().map_or(f64::NAN, |p| p.2),
+        rose_m,
+        disarmed_s: t - stood_s,
+    }
+}
+
+#[test]
+fn a_landing_sinks_at_its_speed_slows_near_the_floor_and_disarms_there() {
+    println!("FIGURES landing");
+    // The vehicle's own speed, and as slow as SNSI's first landings may be asked for.
+    for (wanted, mps, from_m) in [("0.4", 0.4, 1.5), ("0.05", 0.05, 0.8)] {
+        let d = descend(wanted, from_m);
+        println!(
+            " MPC_LAND_SPEED {wanted}: {:.3} m/s, touches at {:.2} m/s, rises {:.0} mm, motors off {:.2} s later",
+            d.speed_mps,
+            d.touch_mps,
+            1e3 * d.rose_m,
+            d.disarmed_s
+        );
+        assert!((d.speed_mps / mps - 1.0).abs() < 0.25, "{}", d.speed_mps);
+        assert!(d.touch_mps < 0.35, "{}", d.touch_mps);
+        assert!(d.rose_m < 0.05, "{}", d.rose_m);
+        assert!(d.disarmed_s < 4.0, "{}", d.disarmed_s);
+    }
+    println!("END");
+}
+
+#[test]
+fn the_offset_of_the_controllers_heading_is_what_is_told_before_the_place_is_known() {
+    let yaw = |offset: &str| {
+        let mut f = Scenario::office()
+            .unknown()
+            .param("KST_HDG_OFFSET", offset)
+            .start();
+        f.until("attitude", 5.0, |f| f.snapshot().nav.health.attitude);
+        f.wait_s(0.5);
+        f.assert(!f.snapshot().nav.health.position, "it knows no place");
+        f.snapshot().nav.yaw_rad()
+    };
+    let turned = vehicle::angle::wrap_pi(yaw("35") - yaw("0"));
+    assert!((turned.to_degrees() - 35.0).abs() < 2.0, "{turned}");
+}
+
 #[test]
 fn arming_is_refused_during_the_boot_grace_with_the_reason() {
     let mut f = Scenario::office().start();

@@ -80,6 +80,17 @@ class Msp:
         return None
 
 
+def type_in(lines):
+    """The firmware's command line, as in a configurator's: it wants a moment of silence after its `#`."""
+    with Msp() as line:
+        for text in ("#", *(f"{text}\n" for text in lines)):
+            line.socket.sendall(text.encode())
+            end = time.monotonic() + 0.8
+            while time.monotonic() < end:
+                with contextlib.suppress(OSError):
+                    line.socket.recv(4096)
+
+
 def xor(data):
     total = 0
     for byte in data:

@@ -1,11 +1,17 @@
 """The programs of docs/examples, run as a user runs them."""
 
+import math
+import os
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from pathlib import Path
 
-from kestrel_harness import Kestrel
+from kestrel_harness import Kestrel, airspace, binary, out_folder, run
+from station import NAN, mav
+from truth import Truth
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -46,6 +52,130 @@ def run_example(name, kestrel, connection):
     program = [sys.executable, str(EXAMPLES / name), connection.format(kestrel.ports[0])]
     done = subprocess.run(program, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0 and "landed" in done.stdout, done.stdout + done.stderr
+
+
+def run_program(kestrel, name, *words, timeout=240, cwd=None):
+    """An example as a user starts it, with `kestrel` on his path; returns what it printed."""
+    folder = kestrel.folder if kestrel else cwd
+    programs = folder / "bin"
+    programs.mkdir(exist_ok=True)
+    if not (programs / "kestrel").exists():
+        (programs / "kestrel").symlink_to(binary())
+    environment = os.environ | {"PATH": f"{programs}:{os.environ['PATH']}"}
+    program = [str(EXAMPLES / name)] if name.endswith(".sh") else [sys.executable, str(EXAMPLES / name)]
+    command = [*program, *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, cwd=cwd or folder, env=environment)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def scratch(name):
+    return Path(tempfile.mkdtemp(prefix=f"{name}-", dir=out_folder()))
+
+
+def test_a_patrol_with_its_report():
+    """docs/examples/patrol_report.py: every room of the office, the report of the round printed."""
+    with Kestrel("office", seed=31, speed=4, name="patrol-report") as kestrel:
+        plan = kestrel.folder / "patrol.plan"
+        assert run("plan", "office", "-o", plan).returncode == 0
+        said = run_program(kestrel, "patrol_report.py", plan, f"udpout:127.0.0.1:{kestrel.ports[0]}")
+    truth = kestrel.truth()
+    report = next((line for line in said.splitlines() if "ound" in line and " m" in line), None)
+    assert report and said.rstrip().endswith("landed"), said
+    assert truth.path_length() > 10 and truth.contacts() == 0 and truth.landing_error() < 0.3
+    return report
+
+
+def test_following_a_wall():
+    """docs/examples/follow_wall.py: along the wall on its right, clear of it."""
+    with Kestrel("office", seed=32, speed=1, name="follow-wall") as kestrel:
+        said = run_program(kestrel, "follow_wall.py", f"udpout:127.0.0.1:{kestrel.ports[0]}", 20)
+    truth = kestrel.truth()
+    assert "beside the wall" in said and "landed" in said, said
+    median = float(said.split("wall at ")[1].split()[0])
+    assert 0.4 < median < 1.2 and truth.contacts() == 0 and truth.path_length() > 2.5, (median, truth.path_length())
+    return f"{said.splitlines()[0]}, {truth.path_length():.1f} m flown"
+
+
+def test_a_room_from_a_picture():
+    """docs/examples/room_from_image.sh: a scan becomes a plan and a patrol."""
+    from test_plans import MARKS, house, png
+
+    folder = scratch("room")
+    (folder / "scan.png").write_bytes(png(444, 224, house))
+    said = run_program(None, "room_from_image.sh", "scan.png", *MARKS, cwd=folder)
+    assert "now: kestrel sim" in said and (folder / "room" / "patrol.svg").exists(), said
+    assert "NAV_WAYPOINT" in said, said
+
+
+def test_watching_localization():
+    """docs/examples/watch_localization.py: a vehicle that does not know where it is finds out, line by line."""
+    with Kestrel("office", seed=33, speed=4, start="unknown", servers=2, name="watch-localization") as kestrel:
+        station = kestrel.station(index=1)
+        watch = threading.Thread(target=lambda: said.append(run_program(kestrel, "watch_localization.py", f"udpclient://127.0.0.1:{kestrel.ports[0]}", 500)))
+        said = []
+        watch.start()
+        station.wait_ready(60.0)
+        station.arm()
+        station.command(mav.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 1.0)
+        station.wait_for(lambda: station.is_localized, 90.0, "finds its place")
+        watch.join()
+        station.land()
+    lines = said[0].splitlines()
+    assert len(lines) > 30 and lines[0].split()[0] != "localized" and lines[-1].startswith("localized"), said[0]
+    return lines[-1]
+
+
+def test_keystrokes():
+    """docs/examples/keystroke_flight.py: each key is answered, and two steps forward and two back end where they began."""
+    with Kestrel("office", seed=34, speed=2, name="keystrokes") as kestrel:
+        said = run_program(kestrel, "keystroke_flight.py", f"udpout:127.0.0.1:{kestrel.ports[0]}")
+    truth = kestrel.truth()
+    far = max((s.x**2 + s.y**2) ** 0.5 for s in truth.samples)
+    assert "landed" in said and 0.25 < far < 0.8 and truth.contacts() == 0, (far, said)
+    return f"farthest {far:.2f} m"
+
+
+def test_a_search_by_mavsdk():
+    """docs/examples/mavsdk_search.py: three tracks of 1.8 m, 0.6 m apart, then home."""
+    with Kestrel("office", seed=35, speed=2, name="search") as kestrel:
+        run_example("mavsdk_search.py", kestrel, "udpout://127.0.0.1:{}")
+    truth = kestrel.truth()
+    corners = [truth.nearest((north, east, -1.0)) for north in (-0.6, 1.2) for east in (-0.6, 0.0, 0.6)]
+    assert max(corners) < 0.3 and truth.contacts() == 0 and truth.landing_error() < 0.3, corners
+    return f"ends of tracks within {max(corners):.2f} m"
+
+
+def test_replay_with_other_gains():
+    """docs/examples/replay_other_gains.sh: the flight as it was is the same; with another gain the first difference is named."""
+    folder = scratch("replay-gains")
+    said = run_program(None, "replay_other_gains.sh", cwd=folder)
+    before, _, after = said.partition("--- with")
+    assert (folder / "flight.mcap").exists() and after.strip(), said
+    return after.strip().splitlines()[-1]
+
+
+def test_lqr_against_cascade():
+    """docs/examples/lqr_against_cascade.py: both laws hover and step; the table has their figures."""
+    with airspace():
+        folder = scratch("laws")
+        said = run_program(None, "lqr_against_cascade.py", cwd=folder)
+    rows = {line.split()[0]: line.split() for line in said.splitlines()[1:] if " m " in line}
+    assert set(rows) == {"cascade", "lqr"}, said
+    assert all(float(row[1]) < 0.12 and float(row[3]) < 25 for row in rows.values()), said
+    return "; ".join(" ".join(row) for row in rows.values())
+
+
+def test_two_drones_swap_places():
+    """docs/examples/two_drones.py: two programs, two system ids, one world; they pass each other without touching."""
+    with airspace():
+        folder = scratch("two")
+        said = run_program(None, "two_drones.py", folder / "world", cwd=folder)
+    first, second = (Truth.read(folder / "world" / name) for name in ("truth.csv", "truth-2.csv"))
+    nearest = min(math.dist((a.x, a.y), (b.x, b.y)) for a, b in zip(first.samples, second.samples) if a.z < -0.5 and b.z < -0.5)
+    assert "swapped" in said and said.count("landed") == 2, said
+    assert nearest > 0.35 and not any(s.contact for s in first.samples + second.samples), f"{nearest:.2f} m\n{said}"
+    return f"nearest {nearest:.2f} m"
 
 
 def test_mavsdk_with_asyncio():

@@ -8,6 +8,7 @@ meanwhile. `KESTREL_FULL=1` flies five missions instead of two.
 import contextlib
 import fcntl
 import importlib.util
+import itertools
 import math
 import os
 import re
@@ -25,7 +26,7 @@ from pathlib import Path
 import msp
 from kestrel_harness import Kestrel, Skipped, alone, binary, out_folder, run
 from rooms import Room
-from station import mav, return_item, takeoff_item, waypoint
+from station import NAN, mav, return_item, takeoff_item, waypoint
 from truth import rms, wrap
 
 HERE = Path(__file__).resolve().parent
@@ -147,20 +148,25 @@ def attitude_figures(kestrel):
 BUSY_MS = 50
 
 
-def undisturbed(make, points, tries=3):
+def undisturbed(make, fly, judge, tries=3):
     """Flies and judges. A bad flight in which the machine took the processor away for long, which no real controller knows,
     proves nothing either way: it is flown again, and told."""
     told = []
     for left in reversed(range(tries)):
         try:
             with make() as kestrel:
-                fly_mission(kestrel, points)
-            return kestrel, "; ".join([*told, judge(kestrel, points)])
+                fly(kestrel)
+            return kestrel, "; ".join([*told, judge(kestrel)])
         except AssertionError as failure:
             stalls = [max(int(a), int(b)) for a, b in re.findall(r"busy: (\d+) ms without a state, (\d+) ms", kestrel.log())]
             if left == 0 or max(stalls, default=0) < BUSY_MS:
                 raise
             told.append(f"flown again: the machine stood still for {max(stalls)} ms and then: {str(failure).splitlines()[0]}")
+
+
+def fly_and_judge(points):
+    """The mission through these points, for `undisturbed`."""
+    return (lambda kestrel: fly_mission(kestrel, points)), (lambda kestrel: judge(kestrel, points))
 
 
 def way_points():
@@ -175,7 +181,7 @@ def test_mission():
     figures = []
     for seed in range(1, wanted + 1):
         with the_firmware() as program:
-            kestrel, text = undisturbed(lambda: Firmware(program, seed=seed), points)
+            kestrel, text = undisturbed(lambda: Firmware(program, seed=seed), *fly_and_judge(points))
             figures.append(f"seed {seed}: {text}")
             assert "restarting" in kestrel.log(), "the fresh firmware was not provisioned"
     return f"{len(figures)} of {wanted} good; " + "; ".join(figures)
@@ -310,7 +316,7 @@ def test_provision():
             assert check.returncode == 0 and "fit to fly" in check.stdout, check
 
         options = ["--fc-dir", str(folder), "--no-provision"]
-        _, flight = undisturbed(lambda: Firmware(program, extra=options, name="provisioned"), points)
+        _, flight = undisturbed(lambda: Firmware(program, extra=options, name="provisioned"), *fly_and_judge(points))
 
         with msp.Firmware(program, folder) as firmware:
             fc = bench(firmware)
@@ -353,6 +359,135 @@ def armed_is_refused(firmware, saved):
         firmware.sends_rc = False
         line.ask(msp.REBOOT)
     time.sleep(1.5)
+
+
+ARM_AUX, LEND_AUX = 4, 7  # channels of a radio: Aux1, Aux4
+STEP_US = 50  # 5 % of a stick's way, in one frame
+
+
+class Radio:
+    """The pilot's own radio: the simulator build's receiver, 150 frames a second."""
+
+    def __init__(self):
+        self.channels = [1500, 1500, 1000, 1500] + [1000] * 12
+        self.ended = threading.Event()
+        self.thread = threading.Thread(target=self._send, daemon=True)
+        self.thread.start()
+
+    def _send(self):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            while not self.ended.wait(0.0067):
+                out.sendto(struct.pack("<d16H", time.monotonic(), *self.channels), ("127.0.0.1", 9004))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.ended.set()
+        self.thread.join()
+
+
+def test_override_beside_a_radio():
+    """Row 2d: the pilot arms by radio and lends us the sticks; he takes them back by his switch, and we get them on request."""
+    folder = Path(tempfile.mkdtemp(prefix="override-", dir=out_folder()))
+    with the_firmware() as program:
+        with msp.Firmware(program, folder) as firmware:
+            beside_radio(firmware, folder)
+        options = ["--fc-dir", str(folder), "--no-provision", "--param", "KST_RADIO=1"]
+        make = lambda: Firmware(program, seed=4, extra=options, name="override")  # noqa: E731
+        _, figures = undisturbed(make, lends_and_takes, calm)
+    shutil.rmtree(folder)
+    return figures
+
+
+def beside_radio(firmware, folder):
+    """What a user types himself, arm switch and channels, and `fc provision` for the rest but one: this build has no
+    receiver to choose, its own takes the place of MSP when its first frame comes, and says "a new frame" whenever it is
+    asked. So the receiver's task crowds out the serial one (38 requests a second instead of 99, without us too) until that
+    gets the line `fc check` advises; and the frame rate it measures is none, so RC smoothing stays at its slowest and the
+    hover swings by 0.25 rad. Real receivers have neither; here smoothing is off."""
+    fc = bench(firmware)
+    firmware.make_sure_it_runs()
+    sets = ["msp_override_channels_mask = 15", "serial_update_rate_hz = 1000", "rc_smoothing = OFF"]
+    msp.type_in(["aux 0 0 0 1700 2100 0 0", *(f"set {line}" for line in sets), "save"])
+    time.sleep(1.0)
+    before = fc("check", "--fc", FC, "--beside-radio")
+    assert before.returncode == 1 and before.stdout.count("MISSING") == 3, before
+    done = fc("provision", "--fc", FC, "--beside-radio", "--yes", "--save", folder / "old.json")
+    assert "verified after the restart" in done.stdout and "1 left to be mended by hand" in done.stderr, done
+    check = fc("check", "--fc", FC, "--beside-radio")
+    missing = [line.split()[0] for line in check.stdout.splitlines() if "MISSING" in line]
+    assert missing == ["receiver"], check
+
+
+def calm(kestrel):
+    """No contact, and a hover that does not swing."""
+    truth = kestrel.truth()
+    assert truth.contacts() == 0, f"{truth.contacts()} contacts\n{kestrel.how_to_repeat()}"
+    start, end = kestrel.hover
+    swing = rms(math.hypot(s.roll, s.pitch) for s in truth.samples if start <= s.t_s <= end)
+    assert swing < 0.05, f"hover swings by {swing:.3f} rad RMS\n{kestrel.how_to_repeat()}"
+    return f"{kestrel.told}; hover swings by {swing:.3f} rad RMS"
+
+
+def lends_and_takes(kestrel):
+    station = kestrel.station()
+    station.sleep(2.0)  # a frame that comes while the firmware starts is forgotten with the rest
+    with Radio() as radio:
+        kestrel.hover, kestrel.told = lend_and_take(station, radio)
+
+
+def lend_and_take(station, radio):
+    def used(message=None):
+        """What the firmware uses, in the radio's order (roll, pitch, throttle, yaw); MSP has yaw before throttle."""
+        message = message or station.latest["RC_CHANNELS"]
+        return [getattr(message, f"chan{i}_raw") for i in (1, 2, 4, 3)]
+
+    station.ask_interval(mav.MAVLINK_MSG_ID_RC_CHANNELS, 20)
+    radio.channels[LEND_AUX] = 2000
+    station.wait_ready(60.0)
+    radio.channels[ARM_AUX] = 2000
+    station.wait_for(lambda: station.is_armed, 10.0, "armed by the pilot")
+    station.command(mav.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, HEIGHT_M)
+    station.wait_for(lambda: station.mode == "LOITER" and station.height > 0.8, 30.0, "hovers")
+    station.sleep(3.0)
+    throttles, hover_from = [], station.now
+    for _ in range(60):
+        throttles.append(used()[2])
+        station.sleep(0.05)
+    hover = (hover_from, station.now)
+
+    # His switch: every stick is his.
+    his = [1503, 1497, round(sum(throttles) / len(throttles)), 1502]
+    radio.channels[:4] = his
+    radio.channels[LEND_AUX] = 1000
+    took = station.now
+    station.wait_for(lambda: station.mode == "STABILIZED" and station.has_said("Pilot took over"), 3.0, "he took over")
+    noticed_s = station.now - took
+    station.sleep(0.2)
+    assert used() == his, f"{used()} is not his {his}"
+    station.set_mode("LOITER", expect="TEMPORARILY_REJECTED")
+    # His switch alone gives nothing back. Our frames carry his sticks on: the firmware may round them.
+    radio.channels[LEND_AUX] = 2000
+    station.sleep(0.8)
+    off = max(abs(a - b) for a, b in zip(used(), his, strict=True))
+    assert off <= 2, f"{used()} without a request"
+    seen, place = [used()], station.position
+    with station.listen("RC_CHANNELS") as mailbox:
+        station.set_mode("LOITER")
+        seen += [used(station.take(mailbox)) for _ in range(8)]
+    # Two frames of ours between two looks, or three.
+    steps = [max(abs(a - b) for a, b in zip(*pair, strict=True)) for pair in itertools.pairwise(seen)]
+    assert max(steps) <= 2 * STEP_US, f"steps of {steps} us"
+    station.sleep(5.0)
+    moved = math.dist(station.position, place)
+    assert station.mode == "LOITER" and moved < 1.5, f"{station.mode}, {moved:.2f} m away"
+    station.set_mode("LAND")
+    station.wait_for(lambda: station.height < 0.1, 30.0, "on the floor")
+    station.sleep(2.0)
+    radio.channels[:5] = [1500, 1500, 1000, 1500, 1000]
+    station.wait_for(lambda: not station.is_armed, 5.0, "disarmed by the pilot")
+    return hover, f"noticed after {noticed_s:.2f} s, handed back in steps of {max(steps)} us at most, {moved:.2f} m away 5 s later"
 
 
 class Motors:

@@ -6,11 +6,14 @@ forward, back, left, right; lone ENTER a marker; lone ESC lands.
 """
 
 import math
+import os
+import pty
 import re
+import select
 import time
 from contextlib import contextmanager
 
-from kestrel_harness import Kestrel
+from kestrel_harness import Kestrel, binary
 from station import mav
 from truth import wrap
 
@@ -305,3 +308,77 @@ def test_shell_words_fly():
     height = -kestrel.truth().at(risen).z
     assert abs(height - 1.3) < 0.15, height
     return f"{height:.2f} m high"
+
+
+class Typist:
+    """`kestrel mav keys` on a pseudo terminal: what a person types, and what he reads."""
+
+    def __init__(self, port):
+        self.pid, self.fd = pty.fork()
+        if self.pid == 0:
+            os.execv(binary(), ["kestrel", "mav", "--to", f"udpclient://127.0.0.1:{port}", "keys"])
+        assert "Ctrl-D ends" in self.read(10.0, "Ctrl-D ends")
+
+    def read(self, within_s, until=None):
+        """What is shown until nothing more comes for a while."""
+        text, deadline, quiet = "", time.monotonic() + within_s, None
+        while time.monotonic() < deadline:
+            if select.select([self.fd], [], [], 0.02)[0]:
+                try:
+                    text += os.read(self.fd, 4096).decode(errors="replace")
+                except OSError:
+                    break
+                quiet = time.monotonic() + 0.25
+            if quiet and time.monotonic() > quiet and (until is None or until in text):
+                break
+        return text
+
+    def line(self, keys, answer=True):
+        """Types keys, without ENTER; returns the replies."""
+        os.write(self.fd, keys.encode())
+        reply = self.read(3.0 if answer else 0.3)
+        assert reply or not answer, f"no reply to {keys!r}"
+        return reply
+
+    def end(self):
+        """Ctrl-D; returns the exit code."""
+        os.write(self.fd, b"\x04")
+        self.read(2.0)
+        return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+
+
+def test_every_key_at_a_terminal():
+    """`kestrel mav keys`: a key counts at once, without ENTER, by exactly its step; ignored while manual mode is off."""
+    with Kestrel("office", seed=47, speed=2, servers=2, name="keys-terminal") as kestrel:
+        station = kestrel.station(index=1, is_ground_station=False, system=200)
+        station.wait_ready()
+        typist = Typist(kestrel.ports[0])
+        typist.line(":arm\n")
+        station.wait_for(lambda: station.is_armed, 5.0, "armed")
+        typist.line(":takeoff\n")
+        station.wait_for(lambda: station.height > 0.9 and station.mode == "LOITER", 30.0, "takes off")
+        pilot = Pilot(station, "QGroundControl")
+        pilot.console = typist
+        before, after, reply = pilot.press("e")
+        assert is_same_place(before, after) and "manual" in reply.lower(), reply
+        assert "on" in typist.line("m").lower()
+        for key, step in (
+            ("8", {"forward": NUDGE}), ("2", {"forward": -NUDGE}), ("6", {"right": NUDGE}), ("4", {"right": -NUDGE}),
+            ("e", {"up": HEIGHT}), ("d", {"up": -HEIGHT}), ("q", {"turn": -ANGLE}), ("w", {"turn": ANGLE}),
+        ):  # fmt: skip
+            expect_step(pilot, key, **step)
+        for key, undo, label, sign in (("j", "g", "roll", 1), ("g", "j", "roll", -1), ("y", "h", "nose[ -]down", 1), ("h", "y", "nose[ -]down", -1)):
+            assert close(number(typist.line(key), label), sign * ANGLE, 6e-4), key
+            assert close(number(typist.line(undo), label), 0.0, 6e-4), undo
+        mass = number(typist.line("0"), "mass")
+        assert close(number(typist.line("i"), "mass"), mass + MASS), "i"
+        assert close(number(typist.line("kk"), "mass"), mass - MASS), "two keys at once"
+        assert close(number(typist.line("0"), "mass"), mass), "0"
+        assert "off" in typist.line("m").lower()
+        typist.line("\x1b", answer=False)
+        station.wait_for(lambda: station.mode == "LAND", 3.0, "ESC lands")
+        station.wait_disarmed(30.0)
+        assert typist.end() == 0
+    truth = kestrel.truth()
+    assert truth.contacts() == 0
+    return "m 8 2 6 4 e d q w j g y h i k 0 ESC"

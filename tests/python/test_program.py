@@ -179,6 +179,49 @@ def test_sigterm_in_flight_lands():
     return land_on(signal.SIGTERM)
 
 
+def test_a_second_ctrl_c_ends_at_once():
+    """The first lands and estimate and logs go on; the second ends the program where it is."""
+    with Kestrel("office", seed=3, speed=1, name="second-ctrl-c") as kestrel:
+        station = kestrel.station()
+        station.take_off(1.5)
+        kestrel.process.send_signal(signal.SIGINT)
+        station.wait_for(lambda: station.mode == "LAND", 3.0, "the first lands")
+        asked, rows = station.now, kestrel.truth_file.stat().st_size
+        station.wait_for(lambda: kestrel.truth_file.stat().st_size > rows, 5.0, "the logs go on")
+        kestrel.process.send_signal(signal.SIGINT)
+        began = time.monotonic()
+        kestrel.process.wait(10)
+        took = time.monotonic() - began
+    last = kestrel.truth().last
+    assert last.t_s > asked and last.z < -0.5, f"it had come down already: {last}"
+    return f"gone {took:.2f} s after the second, {-last.z:.2f} m high"
+
+
+def resources(pid):
+    """Resident memory, MB, and processor time, s, of a process."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    memory = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return memory / 1024, (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_the_whole_stack_fits_a_small_computer():
+    """Simulator, flight, localization and full telemetry to one station, in real time, in a patrol's flight: less than a core and
+    less than 100 MB. `tests/perf/system.py` measures it against its real budget, on an idle machine."""
+    with Kestrel("office", seed=9, speed=1, name="small") as kestrel:
+        station = kestrel.station()
+        station.take_off(1.0)
+        memory, used = resources(kestrel.process.pid)
+        begin = station.now
+        station.go_to(1.0, 0.5)
+        station.sleep(2.0)
+        memory, later = resources(kestrel.process.pid)
+        share = (later - used) / (station.now - begin)
+        station.land()
+    assert memory < 100 and share < 1.0, f"{memory:.1f} MB, {share:.2f} of a core"
+    return f"{memory:.1f} MB, {100 * share:.0f} % of a core"
+
+
 def test_parameters_survive_a_restart_only_with_a_state_folder():
     """Settings are saved on Ctrl-C; precedence default < stored < MAVLink."""
     state = tempfile.mkdtemp(prefix="state-", dir=out_folder())

@@ -1,5 +1,6 @@
 """uQuad, flown by motor speeds from the bytes of its inertial unit: the same MAVLink, the same keys."""
 
+import contextlib
 import math
 import os
 import pty
@@ -62,20 +63,30 @@ class Board(threading.Thread):
     def __init__(self, rows):
         super().__init__(daemon=True)
         self.rows, self.silent, self.over = rows, threading.Event(), threading.Event()
+        self.gains, self.heard = [1.0, 1.0], b""  # of accelerometer and magnetometer; what was said to it
         self.master, slave = pty.openpty()
         tty.setraw(self.master)
         tty.setraw(slave)
         self.name_of_line = os.ttyname(slave)
         self.slave = slave
+        os.set_blocking(self.master, False)
         self.sent = 0
+
+    def listen(self):
+        with contextlib.suppress(BlockingIOError):
+            self.heard += os.read(self.master, 64)
 
     def run(self):
         due = time.monotonic()
         while not self.over.is_set():
             due += 0.01
             time.sleep(max(0.0, due - time.monotonic()))
+            self.listen()
             if not self.silent.is_set():
-                os.write(self.master, frame(self.rows[self.sent % len(self.rows)], 10_000))
+                row = [float(v) for v in self.rows[self.sent % len(self.rows)]]
+                for first, gain in zip((3, 9), self.gains):
+                    row[first : first + 3] = [gain * v for v in row[first : first + 3]]
+                os.write(self.master, frame(row, 10_000))
                 self.sent += 1
 
 
@@ -149,3 +160,77 @@ def test_uquad_gain_files_are_refused_before_anything_turns():
         file.write_text(text)
         done = kestrel_harness.run("sim", "--airframe", "uquad", "--gains", file, "--headless")
         assert done.returncode == 2 and reason in done.stderr, (text, done.returncode, done.stderr)
+
+
+STREAMS = ("imu_raw", "kalman_in", "flags", "x_hat", "w", "w_ctrl", "int", "t_err", "err")
+
+
+def test_uquad_words_flags_and_logs():
+    """The board is told to run, to resume when it is silent and to stop at the end; norms 30 % too large show in SYS_STATUS and in
+    the logs; every stream has its file, and imu_raw.log flies again."""
+    _, calibration, rows = recorded()
+    board = Board(rows[100:])
+    port = kestrel_harness.free_port()
+    folder = out_folder() / f"uquad-logs-{os.getpid()}"
+    board.start()
+    command = fly_command(port, "uquad-words", "--imu", f"serial://{board.name_of_line}?baudrate=115200")
+    command += ["--calib", str(calibration), "--motors", "sim", "--calibration-frames", "150", "--log-dir", str(folder)]
+    command += ["--ring", "16", "--fir", "0.5,0.3,0.2"]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True)
+    try:
+        station = Station(port, speed=1)
+        station.wait_connected()
+        station.wait_for(lambda: station.has_said("IMU calibrated"), 20.0, "the calibration at rest")
+        assert board.heard == b"!\n", board.heard
+        station.ask_interval(mav.MAVLINK_MSG_ID_SYS_STATUS, 10)
+        sensors = [mav.MAV_SYS_STATUS_SENSOR_3D_ACCEL, mav.MAV_SYS_STATUS_SENSOR_3D_MAG]
+
+        def healthy():
+            return [bool(station.latest["SYS_STATUS"].onboard_control_sensors_health & bit) for bit in sensors]
+
+        station.wait_for(lambda: healthy() == [True, True], 5.0, "both norms are right")
+        board.gains[0] = 1.3
+        station.wait_for(lambda: healthy() == [False, True], 5.0, "the accelerometer's flag")
+        board.gains[:] = [1.0, 1.3]
+        station.wait_for(lambda: healthy() == [True, False], 5.0, "the magnetometer's flag")
+        board.gains[1] = 1.0
+        station.wait_for(lambda: healthy() == [True, True], 5.0, "both again")
+        board.silent.set()
+        station.wait_for(lambda: board.heard == b"!\n#\n", 5.0, "a silent board is asked to resume")
+        board.silent.clear()
+        station.sleep(1.0)
+    finally:
+        running.terminate()
+        said, _ = running.communicate(timeout=20)
+        time.sleep(0.05)
+        board.over.set()
+        board.join()
+    board.listen()
+    assert running.returncode == 0, said
+    assert board.heard.endswith(b"$\n"), board.heard
+    texts = {name: (folder / f"{name}.log").read_text() for name in STREAMS}
+    flags = {tuple(line.split("\t")[2:]) for line in texts["flags"].splitlines()}
+    assert {("1", "1", "1", "1"), ("0", "1", "1", "1"), ("1", "0", "1", "1")} <= flags, flags
+    counts = {name: len(text.splitlines()) for name, text in texts.items()}
+    assert counts["imu_raw"] > 200 and len({counts[n] for n in ("kalman_in", "flags", "x_hat", "w", "w_ctrl", "int")}) == 1, counts
+    for words in ("proportional gains", "accel_reference_degc", "ring_frames: 16", "IMU calibrated", "0 records lost"):
+        assert words in texts["err"], f"{words} is missing in err.log"
+    again = kestrel_harness.run(
+        "eval", "uquad", "--raw", folder / "imu_raw.log", "--calib", calibration, "--calibration-frames", "150", "--out", folder / "again"
+    )
+    assert again.returncode == 0, again
+    return f"{counts['imu_raw']} frames, {board.heard!r}"
+
+
+def test_uquad_settings_that_cannot_be_are_refused():
+    """Ring, filter, calibration, control rate: each with its rule, exit code 2, before anything turns."""
+    cases = {
+        ("--ring", "6"): "ring must be longer",
+        ("--ring", "33"): "32 at most",
+        ("--fir", "0.5,0.4"): "add up",
+        ("--frames-per-action", "0"): "every step",
+        ("--declination", "400"): "declination",
+    }
+    for words, reason in cases.items():
+        done = kestrel_harness.run("sim", "--airframe", "uquad", *words, "--headless")
+        assert done.returncode == 2 and reason in done.stderr, (words, done.returncode, done.stderr)

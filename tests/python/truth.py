@@ -1,7 +1,7 @@
 """The `--truth` file of a flight and the marks it is given.
 
 The file is written by the simulator: one row per sample, `t_s, x, y, z, yaw, contact, est_x, est_y, est_z, est_yaw,
-localized`, metres NED about home, radians. Nothing here is shared with Kestrel: angles, distances and percentiles are
+localized, roll, pitch`, metres NED about home, radians. Nothing here is shared with Kestrel: angles, distances and percentiles are
 computed again, so that a mistake of the program cannot hide in its own test.
 """
 
@@ -25,6 +25,8 @@ class Sample:
     est_z: float
     est_yaw: float
     localized: bool
+    roll: float
+    pitch: float
 
     @property
     def position_error(self):

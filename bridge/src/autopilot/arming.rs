@@ -88,6 +88,8 @@ pub struct FcArmState {
     pub at: Option<Timestamp>,
     /// Since when it gets RC frames with the switch low; none while it gets none.
     pub neutral_since: Option<Timestamp>,
+    /// Neutral time wanted beyond the second that it needs.
+    pub neutral_beyond: Duration,
 }
 
 impl FcArmState {
@@ -156,7 +158,7 @@ impl Arming {
             } => {
                 let is_neutral = fc
                     .neutral_since
-                    .is_some_and(|neutral| now.since(neutral) >= NEUTRAL);
+                    .is_some_and(|neutral| now.since(neutral) >= NEUTRAL + fc.neutral_beyond);
                 // The first try trusts the last status: it was looked at when arming was asked for.
                 let is_clear = fc.blocks.is_clear()
                     && (tries == 0 || fc.said_after(since) && now.since(since) >= LOWERED);
@@ -168,7 +170,7 @@ impl Arming {
                         tries: tries + 1,
                     };
                     None
-                } else if now.since(asked_at) > PATIENCE {
+                } else if now.since(asked_at) > PATIENCE + fc.neutral_beyond {
                     *self = Self::Neutral;
                     Some(Change::Failed(asker))
                 } else {
@@ -190,7 +192,7 @@ impl Arming {
                 if !is_latched && now.since(since) <= CONFIRM {
                     return None;
                 }
-                if tries >= TRIES || now.since(asked_at) > PATIENCE {
+                if tries >= TRIES || now.since(asked_at) > PATIENCE + fc.neutral_beyond {
                     *self = Self::Neutral;
                     return Some(Change::Failed(asker));
                 }
@@ -235,6 +237,7 @@ mod tests {
             blocks: FcBlocks::default(),
             at: Some(ms(at_ms)),
             neutral_since: Some(ms(0)),
+            neutral_beyond: Duration::ZERO,
         }
     }
 
@@ -251,6 +254,19 @@ mod tests {
         a.step(ms(999), &fc);
         assert!(!a.switch_is_high());
         a.step(ms(1_000), &fc);
+        assert!(a.switch_is_high() && !a.is_armed());
+    }
+
+    #[test]
+    fn a_longer_neutral_phase_is_waited_for_as_the_first_program_did_for_five_seconds() {
+        let mut a = asked(400);
+        let fc = FcArmState {
+            neutral_beyond: Duration::from_secs(4),
+            ..said(300, false)
+        };
+        assert_eq!(a.step(ms(4_999), &fc), None, "nor is it given up");
+        assert!(!a.switch_is_high());
+        a.step(ms(5_000), &fc);
         assert!(a.switch_is_high() && !a.is_armed());
     }
 

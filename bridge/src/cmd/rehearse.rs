@@ -3,6 +3,7 @@
 //! The flight controller answers on TCP, sensors on pseudo terminals and by MAVLink, all in real time: everything between the
 //! wires and the sticks is then the code that flies, with the options that will be used in the air.
 
+use super::sim::StartArg;
 use super::{Usage, rooms, sensors};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::io::clock::Clock;
@@ -26,11 +27,13 @@ use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-use vehicle::{DownRange, FlowSample, Pace, RangerKind, RangerReading, RingConfig, Timestamp};
+use vehicle::{
+    DownRange, FlowSample, MapPose, Pace, RangerKind, RangerReading, RingConfig, Timestamp,
+};
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  kestrel rehearse office --sensor ld06:///tmp/lidar --sensor msp:///tmp/flow\n  kestrel rooms office --export plans/\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plans/plan.yaml --sensor ld06:///tmp/lidar --sensor msp:///tmp/flow --mavlink udpserver://127.0.0.1:14555\n\nA sensor is written as for `kestrel fly`; its device is a name for a pseudo terminal, that of `mavlink` the address its\nmessages go to: mavlink://127.0.0.1:14555?obstacle=on&down=on&flow=on\n\nA pseudo terminal falls silent while a file of its name with `.cut` at the end is there: `touch /tmp/lidar.cut`."
+    after_help = "Examples:\n  kestrel rehearse office --sensor ld06:///tmp/lidar --sensor msp:///tmp/flow\n  kestrel rooms office --export plans/\n  kestrel fly --fc tcpclient://127.0.0.1:5761 --map plans/plan.yaml --sensor ld06:///tmp/lidar --sensor msp:///tmp/flow --mavlink udpserver://127.0.0.1:14555\n\nA sensor is written as for `kestrel fly`; its device is a name for a pseudo terminal, that of `mavlink` the address its\nmessages go to: mavlink://127.0.0.1:14555?obstacle=on&down=on&flow=on\n\nTwo in one room, each flown by a program of its own (docs/examples/two_drones.py does it):\n  kestrel rehearse office --sensor ld06:///tmp/lidar --sensor msp:///tmp/flow --also 4.5,2.0,1.57\n\nA pseudo terminal falls silent while a file of its name with `.cut` at the end is there: `touch /tmp/lidar.cut`."
 )]
 pub(crate) struct RehearseArgs {
     /// The room it stands in.
@@ -51,6 +54,10 @@ pub(crate) struct RehearseArgs {
     /// Write where the vehicle really is to a CSV file.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
+    /// Another vehicle in the same room, which the first sees and which sees the first: where it stands, on the plan
+    /// (repeatable). Its flight controller is on the next port, and -2 (-3 ...) is added to its devices and its truth file.
+    #[arg(long, value_name = "x,y,yaw", allow_hyphen_values = true)]
+    also: Vec<StartArg>,
 }
 
 /// Address of the simulated companion that speaks MAVLink: an obstacle sensor.
@@ -97,12 +104,56 @@ pub(crate) fn run(args: &RehearseArgs) -> Result<ExitCode> {
         return Err(Usage(format!("{}: use tcpserver://host:port", args.fc)).into());
     };
     let room = rooms::bundled(&args.room)?;
+    let mut places = vec![room.home()];
+    for place in &args.also {
+        let StartArg::At(place) = place else {
+            return Err(Usage("--also unknown: write x,y,yaw".to_owned()).into());
+        };
+        places.push(*place);
+    }
+    let (mut crafts, mut vehicles, mut said) = (Vec::new(), Vec::new(), String::new());
+    for (number, place) in places.into_iter().enumerate() {
+        let (craft, vehicle, devices) = craft(args, &address, number, place)?;
+        let fc = craft.listener.local_addr()?;
+        said += &format!(
+            "vehicle in `{}`: flight controller on {fc}; Ctrl-C ends\n  kestrel fly --fc tcpclient://{fc} --map PLAN.yaml {devices}\n",
+            args.room,
+        );
+        crafts.push(craft);
+        vehicles.push(vehicle);
+    }
+    let simulator = Simulator::new(SimConfig {
+        vehicles,
+        ..SimConfig::new(room, RingConfig::built_in("tof32")?, args.seed)
+    })?;
+    let _ = std::io::stdout().write_all(said.as_bytes());
+    let _ = std::io::stdout().flush();
+    Rehearsal { simulator, crafts }.run()
+}
+
+/// The `number`-th vehicle's ends, its place in the world, and the options that fly it.
+fn craft(
+    args: &RehearseArgs,
+    address: &str,
+    number: usize,
+    place: MapPose,
+) -> Result<(Craft, VehicleConfig, String)> {
+    let own = |name: &str| match number {
+        0 => name.to_owned(),
+        n => format!("{name}-{}", n + 1),
+    };
     let mut ring = RingConfig {
         name: "rehearsal".to_owned(),
         rangers: Vec::new(),
     };
-    let (mut lasers, mut plugs) = (Vec::new(), Vec::new());
-    for spec in sensors::specs(None, &args.sensors)? {
+    let (mut lasers, mut plugs, mut devices) = (Vec::new(), Vec::new(), Vec::new());
+    for (mut spec, url) in sensors::specs(None, &args.sensors)?
+        .into_iter()
+        .zip(&args.sensors)
+    {
+        let named = own(&spec.place);
+        devices.push(format!("--sensor '{}'", url.replace(&spec.place, &named)));
+        spec.place = named;
         plugs.push(plug(&spec, &mut ring, &mut lasers)?);
     }
     let vehicle = VehicleConfig {
@@ -111,43 +162,43 @@ pub(crate) fn run(args: &RehearseArgs) -> Result<ExitCode> {
             ..FcConfig::default()
         },
         lasers,
-        ..VehicleConfig::new(room.home(), ring.clone())
+        ..VehicleConfig::new(place, ring)
     };
-    let simulator = Simulator::new(SimConfig {
-        vehicles: vec![vehicle],
-        ..SimConfig::new(room, RingConfig::built_in("tof32")?, args.seed)
-    })?;
+    let address = match (number, address.rsplit_once(':')) {
+        (1.., Some((host, port))) => {
+            let port: u16 = port.parse().with_context(|| format!("no port: {port}"))?;
+            // Port 0 is any that is free.
+            let next = if port == 0 { 0 } else { port + number as u16 };
+            format!("{host}:{next}")
+        }
+        _ => address.to_owned(),
+    };
     let listener =
         TcpListener::bind(&address).with_context(|| format!("cannot listen on {address}"))?;
     listener.set_nonblocking(true)?;
-    let _ = writeln!(
-        std::io::stdout(),
-        "vehicle in `{}`: flight controller on {}; Ctrl-C ends\n  kestrel fly --fc tcpclient://{} --map PLAN.yaml {}",
-        args.room,
-        listener.local_addr()?,
-        listener.local_addr()?,
-        args.sensors
-            .iter()
-            .map(|s| format!("--sensor '{s}'"))
-            .collect::<Vec<_>>()
-            .join(" "),
-    );
-    let _ = std::io::stdout().flush();
-    let truth = args
-        .truth
-        .as_deref()
-        .map(|path| {
-            TruthFile::create(path).with_context(|| format!("cannot write {}", path.display()))
-        })
-        .transpose()?;
-    Rehearsal {
-        simulator,
+    let truth = match &args.truth {
+        Some(path) => {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            let mut path = path.with_file_name(own(&stem));
+            path.set_extension(
+                args.truth
+                    .as_deref()
+                    .and_then(Path::extension)
+                    .unwrap_or_default(),
+            );
+            let file = TruthFile::create(&path);
+            Some(file.with_context(|| format!("cannot write {}", path.display()))?)
+        }
+        None => None,
+    };
+    let craft = Craft {
         listener,
         line: None,
         plugs,
         truth,
-    }
-    .run()
+        said: Vec::with_capacity(4096),
+    };
+    Ok((craft, vehicle, devices.join(" ")))
 }
 
 fn plug(spec: &SensorSpec, ring: &mut RingConfig, lasers: &mut Vec<LaserConfig>) -> Result<Plug> {
@@ -265,10 +316,17 @@ fn plug(spec: &SensorSpec, ring: &mut RingConfig, lasers: &mut Vec<LaserConfig>)
 
 struct Rehearsal {
     simulator: Simulator,
+    crafts: Vec<Craft>,
+}
+
+/// What of a vehicle the world outside touches.
+struct Craft {
     listener: TcpListener,
     line: Option<TcpStream>,
     plugs: Vec<Plug>,
     truth: Option<TruthFile>,
+    /// Bytes of its flight controller on their way.
+    said: Vec<u8>,
 }
 
 impl Rehearsal {
@@ -281,61 +339,88 @@ impl Rehearsal {
             tv_nsec: 500_000,
         };
         let mut truth_pace = Pace::hz(50.0);
-        let (mut heard, mut said) = ([0u8; 2048], Vec::with_capacity(4096));
+        let mut heard = [0u8; 2048];
         while stop.count() == 0 {
-            match &self.line {
-                Some(line) => {
-                    let mut news = [PollFd::new(line, PollFlags::IN)];
-                    let _ = poll(&mut news, Some(&pause));
-                }
-                None => {
-                    bridge::io::clock::sleep(Duration::from_millis(1));
-                    if let Ok((line, _)) = self.listener.accept() {
-                        line.set_nodelay(true)?;
-                        line.set_nonblocking(true)?;
-                        self.line = Some(line);
-                    }
-                }
-            }
-            if let Some(line) = &mut self.line {
-                match line.read(&mut heard) {
-                    Ok(0) => self.line = None,
-                    Ok(n) => self.simulator.write_fc(0, &heard[..n]),
-                    Err(e)
-                        if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-                    Err(_) => self.line = None,
-                }
-            }
-            for plug in &mut self.plugs {
-                if let Plug::Laser(laser, terminal) = plug {
-                    let n = terminal.receive(&mut heard);
-                    self.simulator
-                        .write_laser(0, usize::from(*laser), &heard[..n]);
-                }
+            self.wait(&pause);
+            for (index, craft) in self.crafts.iter_mut().enumerate() {
+                craft.read(index, &mut self.simulator, &mut heard)?;
             }
             let now = clock.now();
-            let plugs = &mut self.plugs;
-            self.simulator.advance(now, &mut |_, output| match output {
-                SimOutput::FcBytes { bytes, .. } => said.extend_from_slice(&bytes),
-                output => plugs.iter_mut().for_each(|plug| plug.take(now, &output)),
+            let crafts = &mut self.crafts;
+            self.simulator.advance(now, &mut |index, output| {
+                let Some(craft) = crafts.get_mut(index) else {
+                    return;
+                };
+                match output {
+                    SimOutput::FcBytes { bytes, .. } => craft.said.extend_from_slice(&bytes),
+                    output => craft
+                        .plugs
+                        .iter_mut()
+                        .for_each(|plug| plug.take(now, &output)),
+                }
             });
-            if let Some(line) = &mut self.line
-                && line.write_all(&said).is_err()
-            {
-                self.line = None;
-            }
-            said.clear();
-            if truth_pace.is_due(now)
-                && let Some(truth) = &mut self.truth
-            {
-                // Nobody estimates here: those columns are zero.
-                truth.write(&Row::take(now, &self.simulator, 0, &Default::default()))?;
+            let is_due = truth_pace.is_due(now);
+            for (index, craft) in self.crafts.iter_mut().enumerate() {
+                craft.write();
+                if is_due && let Some(truth) = &mut craft.truth {
+                    // Nobody estimates here: those columns are zero.
+                    let row = Row::take(now, &self.simulator, index, &Default::default());
+                    truth.write(&row)?;
+                }
             }
         }
-        if let Some(truth) = &mut self.truth {
+        for truth in self.crafts.iter_mut().filter_map(|c| c.truth.as_mut()) {
             truth.flush()?;
         }
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Until a controller is asked something, or for a moment.
+    fn wait(&self, pause: &Timespec) {
+        let lines = self.crafts.iter().filter_map(|c| c.line.as_ref());
+        let mut news: Vec<_> = lines.map(|l| PollFd::new(l, PollFlags::IN)).collect();
+        if news.is_empty() {
+            bridge::io::clock::sleep(Duration::from_millis(1));
+        } else {
+            let _ = poll(&mut news, Some(pause));
+        }
+    }
+}
+
+impl Craft {
+    /// Takes what is said to its controller and to its sensors.
+    fn read(&mut self, index: usize, simulator: &mut Simulator, heard: &mut [u8]) -> Result<()> {
+        match &mut self.line {
+            None => {
+                if let Ok((line, _)) = self.listener.accept() {
+                    line.set_nodelay(true)?;
+                    line.set_nonblocking(true)?;
+                    self.line = Some(line);
+                }
+            }
+            Some(line) => match line.read(heard) {
+                Ok(0) => self.line = None,
+                Ok(n) => simulator.write_fc(index, &heard[..n]),
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+                Err(_) => self.line = None,
+            },
+        }
+        for plug in &mut self.plugs {
+            if let Plug::Laser(laser, terminal) = plug {
+                let n = terminal.receive(heard);
+                simulator.write_laser(index, usize::from(*laser), &heard[..n]);
+            }
+        }
+        Ok(())
+    }
+
+    fn write(&mut self) {
+        if let Some(line) = &mut self.line
+            && line.write_all(&self.said).is_err()
+        {
+            self.line = None;
+        }
+        self.said.clear();
     }
 }
 

@@ -1,5 +1,6 @@
 //! `kestrel sim`: a drone in a simulated room, in real time, for ordinary ground stations.
 
+use super::camera::{CameraArgs, CameraSeat};
 use super::session::{DEFAULT_LINKS, Session};
 use super::stop::Stop;
 use super::term::Terminal;
@@ -20,7 +21,7 @@ use bridge::log::record::LogSink;
 use bridge::settings::{Origin, Settings};
 use bridge::web::{Console, ConsoleConfig, console};
 use clap::{Args, ValueEnum};
-use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Room, SimConfig, Simulator, VehicleConfig, Walker};
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -93,9 +94,8 @@ pub(crate) struct SimArgs {
     /// MAVLink endpoint (repeatable); replaces the default set.
     #[arg(long, value_name = "URL")]
     pub(crate) mavlink: Vec<String>,
-    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
-    #[arg(long, value_name = "URL")]
-    pub(crate) video: Option<String>,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
@@ -137,6 +137,9 @@ pub(crate) struct SimArgs {
     /// Set a parameter: NAME=VALUE (repeatable).
     #[arg(long = "param", value_name = "NAME=VALUE")]
     pub(crate) params: Vec<String>,
+    /// At the end say what processor time went where: simulator, flight loop, MAVLink (a line of JSON).
+    #[arg(long)]
+    pub(crate) cpu: bool,
     /// No status line (a log line when something happens).
     #[arg(long)]
     pub(crate) headless: bool,
@@ -166,7 +169,7 @@ impl Default for SimArgs {
             fc_dir: None,
             no_provision: false,
             mavlink: Vec::new(),
-            video: None,
+            camera: CameraArgs::default(),
             truth: None,
             log: None,
             state_dir: None,
@@ -179,6 +182,7 @@ impl Default for SimArgs {
             no_console: false,
             config: None,
             params: Vec::new(),
+            cpu: false,
             headless: false,
             quiet: false,
         }
@@ -501,19 +505,31 @@ impl SimArgs {
         })
     }
 
+    /// Where the console listens, unless it is not wanted.
+    fn console_address(&self) -> Option<SocketAddr> {
+        let default = SocketAddr::from(([127, 0, 0, 1], console::PORT + 10 * self.instance));
+        (!self.no_console).then_some(self.console.unwrap_or(default))
+    }
+
+    /// The camera, as the arguments name it.
+    fn start_camera(&self, ground: &mut Ground, simulator: &Simulator) -> Result<CameraSeat> {
+        let listen = self.console_address().map(|a| a.ip());
+        self.camera.start(ground, listen, Some(simulator.scenery()))
+    }
+
     /// The console, unless it is not wanted.
     fn console(
         &self,
         ground: &Ground,
         plan: Arc<FloorPlan>,
         links: &Links,
+        camera: &CameraSeat,
     ) -> Result<Option<Console>> {
-        if self.no_console {
+        let Some(listen) = self.console_address() else {
             return Ok(None);
-        }
-        let default = SocketAddr::from(([127, 0, 0, 1], console::PORT + 10 * self.instance));
+        };
         let config = ConsoleConfig {
-            listen: self.console.unwrap_or(default),
+            listen,
             is_default: self.console.is_none(),
             state_dir: self.state_dir.clone(),
             has_link: self.console.is_none_or(|a| a.ip().is_loopback()),
@@ -522,6 +538,7 @@ impl SimArgs {
             us: our_address(ground.settings()),
             plan,
             settings: ground.settings().clone(),
+            camera: camera.desk(),
         };
         Ok(Some(Console::start(config, links.joint())?))
     }
@@ -585,7 +602,6 @@ impl SimArgs {
         } else {
             parse_endpoints(&self.mavlink)?
         };
-        ground.set_video(super::video(self.video.as_deref())?);
         ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
         let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
         links.route_for(ground);
@@ -668,12 +684,15 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     if args.airframe == AirframeArg::Uquad {
         let (mut lockstep, keep) = args.build_uquad()?;
         let links = args.links(&mut lockstep.ground)?;
-        let console = args.console(&lockstep.ground, lockstep.simulator.floor_plan(), &links)?;
+        let camera = args.start_camera(&mut lockstep.ground, &lockstep.simulator)?;
+        let plan = lockstep.simulator.floor_plan();
+        let console = args.console(&lockstep.ground, plan, &links, &camera)?;
         let terminal = args.greet(&links);
         return Session {
             lockstep,
             links,
             console,
+            camera,
             keep,
             log: None,
             terminal,
@@ -694,15 +713,21 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     } = args.build(when_full)?;
     let links = args.links(&mut lockstep.ground)?;
     // After the links: a ground station hears the first heartbeat without waiting for a certificate.
-    let console = args.console(&lockstep.ground, lockstep.simulator.floor_plan(), &links)?;
+    let camera = args.start_camera(&mut lockstep.ground, &lockstep.simulator)?;
+    let plan = lockstep.simulator.floor_plan();
+    let console = args.console(&lockstep.ground, plan, &links, &camera)?;
     let mut terminal = args.greet(&links);
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
+    }
+    if args.cpu {
+        lockstep.count_time();
     }
     Session {
         lockstep,
         links,
         console,
+        camera,
         keep,
         log,
         terminal,

@@ -2,12 +2,15 @@
 
 use super::Usage;
 use anyhow::{Context as _, Result};
-use bridge::uquad::UquadConfig;
+use bridge::io::uquad_lockstep::simulated_calibration;
 use bridge::uquad::laws::{self, Law};
+use bridge::uquad::{Uquad, UquadConfig};
 use clap::{Args, ValueEnum};
 use control::integral::{COLUMNS_OF_PPTZ, COLUMNS_OF_PPZT, COLUMNS_OF_XYZT, Columns};
 use control::lqr::Weights;
 use control::setpoint_list::SetpointList;
+use estimator::imu::Smoothing;
+use estimator::imu::fir::Fir;
 use estimator::thesis::StateSet;
 use std::path::{Path, PathBuf};
 use vehicle::UquadAirframe;
@@ -41,6 +44,23 @@ pub(crate) struct UquadLawArgs {
     /// uQuad: set points, 17 numbers a line, flown in mode Mission while no MAVLink mission is stored.
     #[arg(long, value_name = "FILE")]
     setpoints: Option<PathBuf>,
+    /// uQuad: coefficients of the filter over the newest frames, the newest first; they add up to 1.
+    #[arg(
+        long,
+        value_name = "C,C,...",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
+    fir: Vec<f64>,
+    /// uQuad: frames kept in the ring, more than the filter takes, 32 at most.
+    #[arg(long, value_name = "N")]
+    ring: Option<usize>,
+    /// uQuad: frames for each action of the law; the motor speeds stand in between.
+    #[arg(long, value_name = "N")]
+    frames_per_action: Option<u32>,
+    /// uQuad: magnetic declination, degrees, added to the heading counter-clockwise.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    declination: Option<f64>,
     /// uQuad: mass, kg, that the law believes.
     #[arg(long, value_name = "KG")]
     mass: Option<f64>,
@@ -152,7 +172,23 @@ impl UquadLawArgs {
         } else {
             StateSet::Reduced
         };
-        Ok(laws::config(craft, states, &law.0).map_err(|e| Usage(e.to_string()))?)
+        let mut config = laws::config(craft, states, &law.0).map_err(|e| Usage(e.to_string()))?;
+        if !self.fir.is_empty() {
+            let fir = Fir::new(&self.fir).map_err(|e| Usage(format!("--fir: {e}")))?;
+            config.imu.smoothing = Smoothing::Fir(fir);
+        }
+        if let Some(frames) = self.ring {
+            config.imu.ring_frames = frames;
+        }
+        if let Some(frames) = self.frames_per_action {
+            config.steps_per_action = frames;
+        }
+        if let Some(degrees) = self.declination {
+            config.imu.declination_rad = degrees.to_radians();
+        }
+        // What it could not be made with is a wrong command line.
+        Uquad::new(simulated_calibration(), config.clone()).map_err(|e| Usage(e.to_string()))?;
+        Ok(config)
     }
 }
 

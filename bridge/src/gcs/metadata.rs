@@ -152,7 +152,8 @@ fn text(value: &Value) -> Vec<u8> {
 
 /// An .xz file with the checks that the smallest decoders know (CRC-32).
 fn xz(bytes: &[u8]) -> Vec<u8> {
-    let mut options = lzma_rust2::XzOptions::with_preset(6);
+    // A small dictionary: the documents are small, and larger ones take 90 MB for a moment.
+    let mut options = lzma_rust2::XzOptions::with_preset(1);
     options.set_check_sum_type(lzma_rust2::CheckType::Crc32);
     // Writing into a vector cannot fail.
     let written = lzma_rust2::XzWriter::new(Vec::new(), options).and_then(|mut out| {

@@ -4,8 +4,9 @@
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
 use super::firmware::Outside;
+use super::inject::inject;
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Answer, Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
@@ -91,6 +92,7 @@ pub struct Lockstep {
     pub flight: Flight,
     /// Its MAVLink side.
     pub ground: Ground,
+    rangers: usize,
     now: Timestamp,
     jobs: VecDeque<(Timestamp, SearchRequest)>,
     inputs: VecDeque<Input>,
@@ -102,6 +104,7 @@ pub struct Lockstep {
     kept: Option<Vec<(Timestamp, Input)>>,
     /// The real firmware instead of the fake controller.
     firmware: Option<Outside>,
+    spent: Option<Spent>,
     ticks_seen: u64,
     held_until: Timestamp,
     planned_hold: Option<(Timestamp, Duration)>,
@@ -109,6 +112,33 @@ pub struct Lockstep {
     keeper: Keeper,
     /// First failure of a file being written; flying goes on.
     pub write_error: Option<io::Error>,
+}
+
+/// Processor time of the thread of the lockstep, by what it went into, ns.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Spent {
+    /// World, fake controller and sensors.
+    pub simulator_ns: u64,
+    /// The flight loop: estimate, localization, planner, control.
+    pub flight_ns: u64,
+    /// MAVLink services and telemetry.
+    pub ground_ns: u64,
+    /// Global searches of the place, a thread of their own on a vehicle.
+    pub search_ns: u64,
+    since_ns: u64,
+}
+
+impl Spent {
+    fn begin(&mut self) {
+        self.since_ns = super::clock::thread_cpu_ns();
+    }
+
+    fn lap(&mut self, of: impl FnOnce(&mut Self) -> &mut u64) {
+        let now = super::clock::thread_cpu_ns();
+        let lap = now - self.since_ns;
+        *of(self) += lap;
+        self.since_ns = now;
+    }
 }
 
 impl Lockstep {
@@ -148,11 +178,13 @@ impl Lockstep {
             boot_utc_us: super::clock::VIRTUAL_BOOT_UTC_US,
             documents,
         });
+        let rangers = flight_config.ring.rangers.len();
         let flight = Flight::new(now, flight_config);
         let mut this = Self {
             simulator,
             flight,
             ground,
+            rangers,
             now,
             jobs: VecDeque::new(),
             inputs: VecDeque::new(),
@@ -163,6 +195,7 @@ impl Lockstep {
             texts_logged: 0,
             kept: None,
             firmware: None,
+            spent: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
             planned_hold: None,
@@ -244,6 +277,11 @@ impl Lockstep {
         self.drain_ground();
     }
 
+    /// How the computer is, for tests of failsafes.
+    pub fn host(&mut self, report: HostReport) {
+        self.feed(Input::Host(report));
+    }
+
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
         self.ask(Request::ShutDown);
@@ -300,18 +338,23 @@ impl Lockstep {
             self.planned_hold = None;
             self.hold_flight(duration);
         }
+        if let Some(spent) = &mut self.spent {
+            spent.begin();
+        }
         let inputs = &mut self.inputs;
         self.simulator.advance(now, &mut |vehicle, output| {
             if vehicle == 0 {
                 push_inputs(inputs, output);
             }
         });
+        self.lap(|s| &mut s.simulator_ns);
         if let Some(firmware) = &mut self.firmware {
             firmware.exchange(now, &mut self.simulator, &mut self.inputs);
         }
         if let Some((_, job)) = self.jobs.pop_front_if(|(at, _)| *at <= now) {
             self.inputs
                 .push_back(Input::JobDone(estimator::search(&job)));
+            self.lap(|s| &mut s.search_ns);
         }
         if now >= self.frozen_until
             && let Some(frame) = self.keeper.poll(now)
@@ -329,6 +372,7 @@ impl Lockstep {
                 self.feed(Input::Wake);
             }
         }
+        self.lap(|s| &mut s.flight_ns);
         let ticks = self.flight.snapshot().flight_loop.ticks;
         if ticks != self.ticks_seen {
             self.ticks_seen = ticks;
@@ -343,12 +387,30 @@ impl Lockstep {
             self.ground.tick(now);
         }
         self.drain_ground();
+        self.lap(|s| &mut s.ground_ns);
         if self.truth_pace.is_due(now)
             && let Some(truth) = &mut self.truth
         {
             let row = Row::take(now, &self.simulator, 0, self.flight.snapshot());
             keep_first(&mut self.write_error, truth.write(&row));
         }
+    }
+
+    fn lap(&mut self, of: impl FnOnce(&mut Spent) -> &mut u64) {
+        if let Some(spent) = &mut self.spent {
+            spent.lap(of);
+        }
+    }
+
+    /// From now on it is counted what processor time goes where.
+    pub fn count_time(&mut self) {
+        self.spent.get_or_insert_default();
+    }
+
+    /// Where processor time went, if it is counted.
+    #[must_use]
+    pub const fn spent(&self) -> Option<Spent> {
+        self.spent
     }
 
     /// Gives `Flight` an input and carries out what it wants.
@@ -422,6 +484,19 @@ impl Lockstep {
                 GroundOutput::Send { link, bytes } => {
                     self.log_ground(link, &bytes);
                     self.outgoing.push_back(Outgoing::Frame(link, bytes));
+                }
+                GroundOutput::Request(Asked {
+                    id,
+                    station,
+                    request: Request::Inject(failure),
+                }) => {
+                    let outcome = inject(&mut self.simulator, self.rangers, failure);
+                    let answer = Answer {
+                        id,
+                        station,
+                        outcome,
+                    };
+                    self.ground.answer(self.now, &answer);
                 }
                 GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),

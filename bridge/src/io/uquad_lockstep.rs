@@ -1,9 +1,10 @@
 //! uQuad in the simulator: world, inertial unit, motor driver and speed controllers, the aircraft and its `Ground`, in one thread and on virtual
 //! time, a millisecond at a time. Bytes all the way round: the board's frames in, the driver's messages out.
 
+use super::inject::inject;
 use super::lockstep::{Outgoing, our_address};
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Answer, Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::Start;
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::FcBytes;
@@ -94,6 +95,7 @@ pub struct UquadLockstep {
     pub ground: Ground,
     /// The speed controllers.
     pub bus: EscBus,
+    rangers: usize,
     board: Bench,
     driver: Driver,
     now: Timestamp,
@@ -107,6 +109,7 @@ pub struct UquadLockstep {
     truth_pace: Pace,
     ticks_seen: u64,
     line_is_cut_until: Timestamp,
+    design_delay: Duration,
     /// First failure of a file being written.
     pub write_error: Option<io::Error>,
 }
@@ -136,6 +139,7 @@ impl UquadLockstep {
             .ok_or(SimError::NoVehicle)?
             .ring
             .clone();
+        let rangers = ring.rangers.len();
         for vehicle in &mut sim.vehicles {
             // The true craft may differ from what the law believes: a test sets it.
             vehicle.motor_craft.get_or_insert(craft);
@@ -175,6 +179,7 @@ impl UquadLockstep {
             flight,
             ground,
             bus: EscBus::default(),
+            rangers,
             board: Bench::new(seed, false),
             driver: Driver::new(DriverConfig::default()),
             now,
@@ -188,6 +193,7 @@ impl UquadLockstep {
             truth_pace: Pace::hz(TRUTH_HZ),
             ticks_seen: 0,
             line_is_cut_until: Timestamp::ZERO,
+            design_delay: DESIGN_DELAY,
             write_error: None,
         })
     }
@@ -200,6 +206,11 @@ impl UquadLockstep {
     /// For tests of failsafes: the bytes of the inertial unit are lost for a time.
     pub fn cut_line(&mut self, duration: Duration) {
         self.line_is_cut_until = self.now + duration;
+    }
+
+    /// For tests of the loop beside it: gains take this long to be made.
+    pub const fn delay_gains(&mut self, duration: Duration) {
+        self.design_delay = duration;
     }
 
     /// Virtual time.
@@ -241,6 +252,11 @@ impl UquadLockstep {
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
         self.ask(Request::ShutDown);
+    }
+
+    /// Tells how the computer is.
+    pub fn host(&mut self, report: HostReport) {
+        self.feed(UquadInput::Host(report));
     }
 
     /// A request of this program itself.
@@ -340,7 +356,8 @@ impl UquadLockstep {
                 UquadOutput::Event(event) => self.ground.event(self.now, &event),
                 UquadOutput::Job(job) => self.jobs.push_back((self.now + JOB_DELAY, job)),
                 UquadOutput::Design(request) => {
-                    self.designs.push_back((self.now + DESIGN_DELAY, request));
+                    self.designs
+                        .push_back((self.now + self.design_delay, request));
                 }
             }
         }
@@ -351,6 +368,19 @@ impl UquadLockstep {
             match output {
                 GroundOutput::Send { link, bytes } => {
                     self.outgoing.push_back(Outgoing::Frame(link, bytes));
+                }
+                GroundOutput::Request(Asked {
+                    id,
+                    station,
+                    request: Request::Inject(failure),
+                }) => {
+                    let outcome = inject(&mut self.simulator, self.rangers, failure);
+                    let answer = Answer {
+                        id,
+                        station,
+                        outcome,
+                    };
+                    self.ground.answer(self.now, &answer);
                 }
                 GroundOutput::Request(asked) => self.feed(UquadInput::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),

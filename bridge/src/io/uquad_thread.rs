@@ -5,40 +5,38 @@
 
 use super::clock::Clock;
 use super::endpoint::Endpoint;
-use super::flight_thread::{FlightHandle, NEWS, News, REQUESTS, wake_up};
+use super::flight_thread::{FlightHandle, NEWS, News, REPORTS, REQUESTS, wake_up};
 use super::line::{Line, LineError};
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
-use crate::autopilot::door::{Asked, Snapshot};
+use super::uquad_logs::UquadLogs;
+use super::watchdog::Pulse;
+use crate::autopilot::door::{Asked, HostReport, Snapshot};
 use crate::autopilot::io::FcBytes;
 use crate::autopilot::latency::Histogram;
 use crate::motor::units::Order;
 use crate::motor::{Driver, DriverConfig};
-use crate::uquad::Step;
+use crate::uquad::board_words::BoardWords;
 use crate::uquad::flight::{UquadFlight, UquadInput, UquadOutput};
 use crate::uquad::laws;
 use embedded_hal::i2c::I2c;
 use estimator::imu::RawFrame;
-use estimator::imu::command::ImuCommand;
 use estimator::imu::replay::{Replay, Speed};
 use linux_embedded_hal::I2cdev;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use sim::EscBus;
-use std::fs::File;
-use std::io::{self, BufRead as _, BufWriter, Write as _};
-use std::path::{Path, PathBuf};
+use std::io::{self, BufRead as _, Write as _};
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 /// Messages for the motor driver that wait at most: more are old ones.
 const MESSAGES: usize = 8;
 /// Acknowledgements and typed speeds that wait at most.
 const REPLIES: usize = 64;
-/// Samples that wait for the disk at most.
-const SAMPLES: usize = 4096;
 /// The driver's thread looks at least so often.
 const DRIVER_LOOK: Duration = Duration::from_millis(2);
 /// Bytes taken from the kernel at once.
@@ -75,7 +73,7 @@ enum Job {
     Design(laws::DesignRequest),
 }
 
-/// Starts both threads.
+/// Starts both threads. Once the handle is dropped the flight's thread ends; whoever waits for it has the logs whole.
 ///
 /// # Errors
 /// The line or the bus cannot be opened, or no thread is left.
@@ -83,21 +81,21 @@ pub fn start(
     flight: UquadFlight,
     source: ImuSource,
     motors: &Motors,
-    log_folder: Option<&Path>,
+    logs: Option<UquadLogs>,
     clock: Clock,
-) -> Result<FlightHandle, UquadThreadError> {
+) -> Result<(FlightHandle, JoinHandle<()>), UquadThreadError> {
     let failed = |e: rustix::io::Errno| UquadThreadError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
     let (tell, news) = sync_channel(NEWS);
+    let (host, reports) = sync_channel(REPORTS);
+    let pulse = Arc::<Pulse>::default();
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
     let snapshot = Arc::new(Mutex::new(flight.snapshot().clone()));
     let (line, replay) = match source {
         ImuSource::Line(endpoint) => {
-            let mut line = Line::open(&endpoint)?;
-            // The board listens a while after its port was opened; it runs by itself meanwhile.
-            let _ = line.write(&ImuCommand::RunDefault.bytes());
+            let line = Line::open(&endpoint)?;
             let _ = tell.try_send(News::LineOpened);
             (Some(line), None)
         }
@@ -108,32 +106,40 @@ pub fn start(
     };
     let (messages, replies) = motor_thread(motors, clock, Arc::clone(&wake))?;
     let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(UquadThreadError::Thread)?;
-    let samples = log_folder.map(log_thread).transpose()?;
-    let handle =
-        FlightHandle::without_line(requests, Arc::clone(&wake), news, Arc::clone(&snapshot));
+    let handle = FlightHandle::without_line(
+        requests,
+        host,
+        Arc::clone(&pulse),
+        Arc::clone(&wake),
+        news,
+        Arc::clone(&snapshot),
+    );
     let shell = Shell {
         flight,
         clock,
         line,
+        words: BoardWords::opened(clock.now()),
         replay,
         asked,
+        reports,
+        pulse,
         tell,
         messages,
         replies,
         jobs,
         done,
-        samples,
+        logs,
         wake,
         timer,
         cell: snapshot,
         own: Histogram::default(),
         was_armed: false,
     };
-    thread::Builder::new()
+    let thread = thread::Builder::new()
         .name("flight".to_owned())
         .spawn(move || shell.run())
         .map_err(UquadThreadError::Thread)?;
-    Ok(handle)
+    Ok((handle, thread))
 }
 
 /// Why it could not be started.
@@ -149,14 +155,6 @@ pub enum UquadThreadError {
         path: PathBuf,
         /// Reason.
         source: linux_embedded_hal::i2cdev::linux::LinuxI2CError,
-    },
-    /// The logs.
-    #[error("cannot write the logs in {path}: {source}")]
-    Log {
-        /// Folder.
-        path: PathBuf,
-        /// Reason.
-        source: io::Error,
     },
     /// No thread.
     #[error("cannot start a thread: {0}")]
@@ -181,43 +179,6 @@ fn job_thread(wake: Arc<OwnedFd>) -> io::Result<Jobs> {
             }
         })?;
     Ok((jobs, done))
-}
-
-/// Writes x_hat.log (12 states) and w.log (us since the last, four speeds), as uQuad's programs read them.
-fn log_thread(folder: &Path) -> Result<SyncSender<Step>, UquadThreadError> {
-    let failed = |source| UquadThreadError::Log {
-        path: folder.to_owned(),
-        source,
-    };
-    std::fs::create_dir_all(folder).map_err(failed)?;
-    let open = |name: &str| File::create(folder.join(name)).map(BufWriter::new);
-    let mut states = open("x_hat.log").map_err(failed)?;
-    let mut speeds = open("w.log").map_err(failed)?;
-    let (samples, taken) = sync_channel::<Step>(SAMPLES);
-    thread::Builder::new()
-        .name("logs".to_owned())
-        .spawn(move || {
-            let mut since_flush = 0;
-            for step in taken {
-                let x = &step.state[..12];
-                let row: Vec<String> = x.iter().map(|v| format!("{v:.8}")).collect();
-                let [a, b, c, d] = step.speeds_radps;
-                // A full disk must not end a flight.
-                let _ = writeln!(states, "{}", row.join("\t"));
-                let _ = writeln!(
-                    speeds,
-                    "{}\t{a:.8}\t{b:.8}\t{c:.8}\t{d:.8}",
-                    step.elapsed_us
-                );
-                since_flush += 1;
-                if since_flush >= 50 {
-                    since_flush = 0;
-                    let _ = (states.flush(), speeds.flush());
-                }
-            }
-        })
-        .map_err(UquadThreadError::Thread)?;
-    Ok(samples)
 }
 
 type MotorEnds = (SyncSender<[u8; 4]>, Receiver<UquadInput>);
@@ -327,14 +288,17 @@ struct Shell {
     flight: UquadFlight,
     clock: Clock,
     line: Option<Line>,
+    words: BoardWords,
     replay: Option<Replay>,
     asked: Receiver<Asked>,
+    reports: Receiver<HostReport>,
+    pulse: Arc<Pulse>,
     tell: SyncSender<News>,
     messages: SyncSender<[u8; 4]>,
     replies: Receiver<UquadInput>,
     jobs: SyncSender<Job>,
     done: Receiver<UquadInput>,
-    samples: Option<SyncSender<Step>>,
+    logs: Option<UquadLogs>,
     wake: Arc<OwnedFd>,
     timer: AbsoluteTimer,
     cell: Arc<Mutex<Snapshot>>,
@@ -348,8 +312,10 @@ impl Shell {
         let _ = self.tell.try_send(News::Realtime(Realtime::enter()));
         loop {
             self.publish();
+            self.pulse.flight(self.was_armed);
             self.wait();
             self.read_line();
+            self.speak();
             self.read_recording();
             while let Ok(input) = self.replies.try_recv() {
                 self.handle(input);
@@ -357,11 +323,19 @@ impl Shell {
             while let Ok(input) = self.done.try_recv() {
                 self.handle(input);
             }
+            if let Ok(report) = self.reports.try_recv() {
+                self.handle(UquadInput::Host(report));
+            }
             loop {
                 match self.asked.try_recv() {
                     Ok(asked) => self.handle(UquadInput::Asked(asked)),
                     Err(TryRecvError::Empty) => break,
-                    Err(TryRecvError::Disconnected) => return,
+                    Err(TryRecvError::Disconnected) => {
+                        if let Some(line) = &mut self.line {
+                            let _ = line.write(&BoardWords::end().bytes());
+                        }
+                        return;
+                    }
                 }
             }
             self.handle(UquadInput::Wake);
@@ -396,6 +370,9 @@ impl Shell {
     fn handle(&mut self, input: UquadInput) {
         let now = self.clock.now();
         let is_frame = matches!(input, UquadInput::Imu(_));
+        if let (Some(logs), UquadInput::Imu(bytes)) = (&mut self.logs, &input) {
+            logs.bytes(now, bytes);
+        }
         self.flight.handle(now, input);
         let mut has_commanded = false;
         while let Some(output) = self.flight.poll() {
@@ -404,7 +381,12 @@ impl Shell {
                     has_commanded |= self.messages.try_send(message).is_ok();
                 }
                 UquadOutput::Answer(answer) => drop(self.tell.try_send(News::Answer(answer))),
-                UquadOutput::Event(event) => drop(self.tell.try_send(News::Event(event))),
+                UquadOutput::Event(event) => {
+                    if let Some(logs) = &mut self.logs {
+                        logs.event(now, &event);
+                    }
+                    drop(self.tell.try_send(News::Event(event)));
+                }
                 UquadOutput::Job(job) => drop(self.jobs.try_send(Job::Search(job))),
                 UquadOutput::Design(request) => {
                     drop(self.jobs.try_send(Job::Design(request)));
@@ -414,8 +396,16 @@ impl Shell {
         if is_frame && has_commanded {
             self.own.record(self.clock.now().since(now));
         }
-        if is_frame && let (Some(samples), Some(step)) = (&self.samples, self.flight.take_step()) {
-            let _ = samples.try_send(step);
+        if is_frame && let (Some(logs), Some(step)) = (&mut self.logs, self.flight.take_step()) {
+            logs.step(now, step);
+        }
+    }
+
+    fn speak(&mut self) {
+        if let Some(line) = &mut self.line
+            && let Some(word) = self.words.poll(self.clock.now())
+        {
+            let _ = line.write(&word.bytes());
         }
     }
 
@@ -426,6 +416,7 @@ impl Shell {
             match line.read(&mut buffer) {
                 Ok(0) => self.line = None,
                 Ok(n) => {
+                    self.words.heard(self.clock.now());
                     let bytes: FcBytes = buffer[..n].iter().copied().collect();
                     self.handle(UquadInput::Imu(bytes));
                     if n < buffer.len() {

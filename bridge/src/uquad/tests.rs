@@ -5,6 +5,7 @@
 
 use super::*;
 use control::integral::COLUMNS_OF_PPTZ;
+use estimator::imu::fir::Fir;
 use estimator::imu::replay::LogRow;
 use std::path::PathBuf;
 
@@ -247,5 +248,51 @@ fn the_gain_files_of_the_recording_load() {
             .unwrap_err()
             .to_string()
             .contains("4 x 12 = 48 are needed")
+    );
+}
+
+#[test]
+fn a_weight_that_no_motor_carries_hovers_at_the_fastest_speed() {
+    let craft = vehicle::UquadAirframe::default();
+    assert!((laws_hover(&craft, 1.75) - 316.889_44).abs() < 1e-4);
+    assert!((laws_hover(&craft, 10.0) - 387.0).abs() < 1e-12);
+}
+
+#[test]
+fn speeds_stand_between_two_actions_and_the_length_of_the_filter_is_the_delay_of_the_first_step() {
+    let frame = |k: u32| RawFrame {
+        since_previous_us: 10_000,
+        // It leans more and more, so that every action differs.
+        accel: [(k.saturating_sub(40) / 2) as i16, 0, 256],
+        mag: [500, 0, -300],
+        temperature_ddeg: 250,
+        pressure_pa: 101_325,
+        ..RawFrame::default()
+    };
+    let speeds = |steps_per_action: u32, mean: usize| {
+        let mut config = corrected(20);
+        config.steps_per_action = steps_per_action;
+        config.imu.smoothing = Smoothing::Fir(Fir::mean(mean).unwrap());
+        let calibration = crate::io::uquad_lockstep::simulated_calibration();
+        let mut uquad = Uquad::new(calibration, config).unwrap();
+        (0..200)
+            .filter_map(|k| {
+                uquad.frame(
+                    Timestamp::from_us(10_000 * u64::from(k)),
+                    frame(k),
+                    &mut |_| (),
+                )
+            })
+            .map(|s| s.speeds_radps)
+            .collect::<Vec<_>>()
+    };
+    let changes = |speeds: &[[f64; 4]]| speeds.windows(2).filter(|w| w[0] != w[1]).count();
+    let (every, third) = (speeds(1, 6), speeds(3, 6));
+    assert_eq!(every.len(), third.len());
+    let (n, m) = (changes(&every), changes(&third));
+    assert!(n > 100 && m.abs_diff(n / 3) <= 2, "{n} and {m} changes");
+    assert!(
+        speeds(1, 31).len() < every.len(),
+        "a longer filter fills later"
     );
 }

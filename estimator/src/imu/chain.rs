@@ -35,6 +35,8 @@ pub enum Smoothing {
 pub struct ChainConfig {
     /// Smoothing.
     pub smoothing: Smoothing,
+    /// Frames kept: more than the smoothing takes, [`RING_LEN`] at most.
+    pub ring_frames: usize,
     /// Frames of the start-up calibration.
     pub calibration_frames: u32,
     /// Height of the floor at the start, m.
@@ -53,6 +55,7 @@ impl Default for ChainConfig {
     fn default() -> Self {
         Self {
             smoothing: Smoothing::Fir(Fir::default()),
+            ring_frames: RING_LEN,
             calibration_frames: UQUAD_FRAMES,
             start_altitude_m: 0.0,
             declination_rad: 0.0,
@@ -73,6 +76,13 @@ pub enum ConfigError {
         /// Frames asked for.
         got: usize,
     },
+    /// A ring that is not longer than what is smoothed over, or longer than there is room for.
+    Ring {
+        /// Frames of the ring.
+        ring: usize,
+        /// Frames that are smoothed over.
+        smoothed: usize,
+    },
     /// A calibration of no frames.
     CalibrationFrames,
     /// A number that is not finite, or beyond its range.
@@ -91,6 +101,10 @@ impl fmt::Display for ConfigError {
             Self::Mean { got } => write!(
                 f,
                 "mean length is {got}, ring length is {RING_LEN}: the ring must be longer, the mean not empty"
+            ),
+            Self::Ring { ring, smoothed } => write!(
+                f,
+                "ring length is {ring}, filter length is {smoothed}: the ring must be longer than the filter, {RING_LEN} at most"
             ),
             Self::CalibrationFrames => f.write_str("calibration frames is 0: at least 1 is needed"),
             Self::Range { name, value } => write!(f, "{name} = {value} is out of range"),
@@ -188,6 +202,16 @@ impl ImuChain {
         {
             return Err(ConfigError::Mean { got });
         }
+        let smoothed = match &config.smoothing {
+            Smoothing::Fir(fir) => fir.len(),
+            Smoothing::MeanOfConverted(n) => *n,
+        };
+        if config.ring_frames <= smoothed || config.ring_frames > RING_LEN {
+            return Err(ConfigError::Ring {
+                ring: config.ring_frames,
+                smoothed,
+            });
+        }
         if config.calibration_frames == 0 {
             return Err(ConfigError::CalibrationFrames);
         }
@@ -212,7 +236,7 @@ impl ImuChain {
         Ok(Self {
             decoder: BinaryDecoder::new(config.expects_alternation),
             watch: FrameWatch::default(),
-            ring: FrameRing::default(),
+            ring: FrameRing::of(config.ring_frames),
             converter: Converter::new(calibration, config.declination_rad, config.build),
             calibrating: Some(calibrating),
             reference: None,
@@ -532,6 +556,8 @@ mod tests {
             refused(|c| c.smoothing = Smoothing::MeanOfConverted(32)).contains("ring length is 32")
         );
         assert!(refused(|c| c.calibration_frames = 0).contains("calibration frames"));
+        assert!(refused(|c| c.ring_frames = 6).contains("ring length is 6, filter length is 6"));
+        assert!(refused(|c| c.ring_frames = 33).contains("32 at most"));
         assert!(refused(|c| c.start_altitude_m = f64::NAN).contains("start altitude"));
         assert!(refused(|c| c.declination_rad = 10.0).contains("declination"));
     }

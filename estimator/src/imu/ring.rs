@@ -2,13 +2,14 @@
 
 use super::frame::RawFrame;
 
-/// Length of uQuad's ring.
+/// Length of uQuad's ring, and the most that one may have.
 pub const RING_LEN: usize = 32;
 
-/// Ring of the last [`RING_LEN`] frames.
+/// Ring of the last frames: [`RING_LEN`], or fewer as configured.
 #[derive(Clone, Debug)]
 pub struct FrameRing {
     frames: [RawFrame; RING_LEN],
+    capacity: usize,
     /// Where the next frame goes.
     next: usize,
     len: usize,
@@ -18,8 +19,17 @@ pub struct FrameRing {
 
 impl Default for FrameRing {
     fn default() -> Self {
+        Self::of(RING_LEN)
+    }
+}
+
+impl FrameRing {
+    /// A ring of so many frames, 1 to [`RING_LEN`]; what is beyond is that.
+    #[must_use]
+    pub fn of(capacity: usize) -> Self {
         Self {
             frames: [RawFrame::default(); RING_LEN],
+            capacity: capacity.clamp(1, RING_LEN),
             next: 0,
             len: 0,
             unread: 0,
@@ -43,8 +53,8 @@ impl FrameRing {
     /// Puts a frame in; the oldest one makes room.
     pub fn push(&mut self, frame: RawFrame) {
         self.frames[self.next] = frame;
-        self.next = (self.next + 1) % RING_LEN;
-        self.len = (self.len + 1).min(RING_LEN);
+        self.next = (self.next + 1) % self.capacity;
+        self.len = (self.len + 1).min(self.capacity);
         self.unread = self.unread.saturating_add(1);
         self.unread_us += u64::from(frame.since_previous_us);
     }
@@ -83,7 +93,7 @@ impl FrameRing {
 
     /// All frames, the newest first.
     pub fn newest_first(&self) -> impl Iterator<Item = &RawFrame> {
-        (1..=self.len).map(|back| &self.frames[(self.next + RING_LEN - back) % RING_LEN])
+        (1..=self.len).map(|back| &self.frames[(self.next + self.capacity - back) % self.capacity])
     }
 }
 
@@ -118,5 +128,16 @@ mod tests {
         let held: Vec<i16> = ring.newest_first().map(|f| f.accel[0]).collect();
         let expected: Vec<i16> = (1..33).rev().collect();
         assert_eq!(held, expected);
+    }
+
+    #[test]
+    fn a_shorter_ring_wraps_earlier_and_still_counts_what_it_passed_over() {
+        let mut ring = FrameRing::of(8);
+        (0..20).for_each(|k| ring.push(numbered(k)));
+        assert_eq!(ring.len(), 8);
+        let held: Vec<i16> = ring.newest_first().map(|f| f.accel[0]).collect();
+        let expected: Vec<i16> = (12..20).rev().collect();
+        assert_eq!(held, expected);
+        assert_eq!(ring.take_newest().unwrap().passed_over, 19);
     }
 }

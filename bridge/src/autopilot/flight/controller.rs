@@ -1,6 +1,6 @@
 //! The flight controller's side of `Flight`: what it says, what it is told.
 
-use super::{Air, Event, Flight, Notice, OUTPUTS, Output, control_params};
+use super::{Air, Event, Flight, Notice, OUTPUTS, Output, Queued, control_params};
 use crate::autopilot::arming::FcArmState;
 use crate::autopilot::handover::Change;
 use crate::autopilot::io::FcBytes;
@@ -12,6 +12,7 @@ use core::time::Duration;
 use msp::firmware::{Firmware, Identity, box_id};
 use msp::message::Reply;
 use msp::{Direction, Framing, command, encode};
+use vehicle::angle::wrap_pi;
 use vehicle::{NavState, Sticks, Timestamp};
 
 /// A gap in our own RC frames longer than this restarts the neutral phase: the receiver flags it after 0.15 s.
@@ -140,7 +141,9 @@ impl Flight {
         };
         match reply {
             Reply::Attitude(a) => {
-                let sample = convert.attitude(sampled, a);
+                let mut sample = convert.attitude(sampled, a);
+                let offset_rad = self.settings.autopilot.heading_offset_deg.to_radians();
+                sample.heading_rad = wrap_pi(sample.heading_rad + offset_rad);
                 self.estimator.attitude(&sample);
                 self.sampled = Some(sampled);
                 self.sample_came = true;
@@ -294,7 +297,7 @@ impl Flight {
                 let mut out = FcBytes::new();
                 let _ = out.try_extend_from_slice(chunk);
                 if self.outputs.len() < OUTPUTS {
-                    self.outputs.push_back(Output::Fc(out));
+                    self.outputs.push_back(Queued::Fc(out));
                 }
             }
         }

@@ -76,6 +76,9 @@ pub(crate) struct UquadArgs {
         allow_hyphen_values = true
     )]
     fir: Vec<f64>,
+    /// Frames kept in the ring, more than the filter takes, 32 at most.
+    #[arg(long, value_name = "N", conflicts_with = "legacy")]
+    ring: Option<usize>,
     /// Mass, kg.
     #[arg(long, value_name = "KG", conflicts_with = "legacy")]
     mass: Option<f64>,
@@ -218,6 +221,7 @@ impl UquadArgs {
             let fir = Fir::new(&self.fir).map_err(|e| Usage(format!("--fir: {e}")))?;
             imu.smoothing = Smoothing::Fir(fir);
         }
+        imu.ring_frames = self.ring.unwrap_or(imu.ring_frames);
         let filter = &mut config.filter;
         filter.craft.mass_kg = self.mass.unwrap_or(filter.craft.mass_kg);
         if let [xy, z] = self.inertia[..] {

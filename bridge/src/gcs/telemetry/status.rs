@@ -36,8 +36,16 @@ pub(super) fn sys_status(v: &View<'_>, out: &mut Vec<Message>) {
     // Bit, present, healthy.
     let table = [
         (Bit::MAV_SYS_STATUS_SENSOR_3D_GYRO, true, imu_ok),
-        (Bit::MAV_SYS_STATUS_SENSOR_3D_ACCEL, true, imu_ok),
-        (Bit::MAV_SYS_STATUS_SENSOR_3D_MAG, true, health.position),
+        (
+            Bit::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
+            true,
+            imu_ok && s.imu_flags.is_none_or(|f| f.accel_is_gravity),
+        ),
+        (
+            Bit::MAV_SYS_STATUS_SENSOR_3D_MAG,
+            true,
+            s.imu_flags.map_or(health.position, |f| f.mag_is_earth),
+        ),
         (
             Bit::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
             s.baro.is_some(),
