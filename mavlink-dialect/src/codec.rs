@@ -7,7 +7,7 @@
 //!
 //! Source: MAVLink guide, "Packet Serialization" and "Message Signing".
 
-use crate::message::Message;
+use crate::message::{Known, Message};
 use crate::signing::{SIGNATURE_LEN, SigningKey};
 use crate::{Address, crc};
 use arrayvec::ArrayVec;
@@ -78,6 +78,8 @@ pub struct FrameView<'a> {
     /// The whole frame.
     pub wire: &'a [u8],
     version: MavlinkVersion,
+    /// Looked up once for the checksum and the payload.
+    known: Known,
 }
 
 impl FrameView<'_> {
@@ -87,7 +89,18 @@ impl FrameView<'_> {
     /// The payload holds an enumeration value the dialect does not know.
     #[inline]
     pub fn message(&self) -> Result<Message, ParserError> {
-        Message::parse(self.version, self.id, self.payload)
+        Message::parse_known(self.known, self.version, self.id, self.payload)
+    }
+
+    /// The same with who said it, to be kept.
+    #[must_use]
+    pub fn frame(&self, message: Message) -> Frame {
+        Frame {
+            from: self.from,
+            sequence: self.sequence,
+            is_signed: self.is_signed,
+            message,
+        }
     }
 }
 
@@ -117,19 +130,15 @@ impl Decoder {
     pub fn push(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame)) {
         let mut bad_payload = 0;
         self.push_views(bytes, |view| match view.message() {
-            Ok(message) => frame(Frame {
-                from: view.from,
-                sequence: view.sequence,
-                is_signed: view.is_signed,
-                message,
-            }),
+            Ok(message) => frame(view.frame(message)),
             Err(_) => bad_payload += 1,
         });
         self.note_bad(bad_payload);
     }
 
-    /// [`Decoder::push`], with each frame's bytes as they came: what [`crate::signing`] judges.
-    pub fn push_wire(&mut self, bytes: &[u8], mut frame: impl FnMut(Frame, &[u8])) {
+    /// [`Decoder::push`] with each frame as it lies in the bytes (what [`crate::signing`] judges) beside what it says. Messages are
+    /// larger than most frames: this way none is copied.
+    pub fn push_wire(&mut self, bytes: &[u8], mut frame: impl FnMut(&FrameView<'_>, &Message)) {
         let mut bad_payload = 0;
         self.push_views(bytes, |view| open(&view, &mut bad_payload, &mut frame));
         self.note_bad(bad_payload);
@@ -160,18 +169,28 @@ impl Decoder {
     /// Nothing more belongs to the bytes pushed so far: for datagrams, where a frame never continues in the next one.
     /// What looked like the start of a longer frame is given up, and frames inside it are found.
     pub fn end_of_datagram(&mut self, mut frame: impl FnMut(Frame)) {
-        self.end_of_datagram_wire(|f, _| frame(f));
+        let mut bad_payload = 0;
+        self.end_of_datagram_views(|view| match view.message() {
+            Ok(message) => frame(view.frame(message)),
+            Err(_) => bad_payload += 1,
+        });
+        self.note_bad(bad_payload);
     }
 
-    /// [`Decoder::end_of_datagram`], with each frame's bytes as they came.
-    pub fn end_of_datagram_wire(&mut self, mut frame: impl FnMut(Frame, &[u8])) {
+    /// [`Decoder::end_of_datagram`] in the manner of [`Decoder::push_wire`].
+    pub fn end_of_datagram_wire(&mut self, mut frame: impl FnMut(&FrameView<'_>, &Message)) {
         let mut bad_payload = 0;
+        self.end_of_datagram_views(|view| open(&view, &mut bad_payload, &mut frame));
+        self.note_bad(bad_payload);
+    }
+
+    /// [`Decoder::end_of_datagram`] in the manner of [`Decoder::push_views`].
+    pub fn end_of_datagram_views(&mut self, mut frame: impl FnMut(FrameView<'_>)) {
         while !self.pending.is_empty() {
             self.counters.noise_bytes += 1;
             self.pending.drain(..1);
-            self.drain(&mut |view| open(&view, &mut bad_payload, &mut frame));
+            self.drain(&mut frame);
         }
-        self.note_bad(bad_payload);
     }
 
     fn drain(&mut self, frame: &mut impl FnMut(FrameView<'_>)) {
@@ -202,22 +221,19 @@ fn take_frames(
 
 /// Parses a frame and hands it out, or counts it.
 #[inline]
-fn open(view: &FrameView<'_>, bad_payload: &mut u64, frame: &mut impl FnMut(Frame, &[u8])) {
-    match view.message() {
-        Ok(message) => frame(
-            Frame {
-                from: view.from,
-                sequence: view.sequence,
-                is_signed: view.is_signed,
-                message,
-            },
-            view.wire,
-        ),
+fn open(
+    view: &FrameView<'_>,
+    bad_payload: &mut u64,
+    frame: &mut impl FnMut(&FrameView<'_>, &Message),
+) {
+    match &view.message() {
+        Ok(message) => frame(view, message),
         Err(_) => *bad_payload += 1,
     }
 }
 
-#[inline]
+/// Inlined where it is used: a view that goes through memory costs as much as its checksum.
+#[inline(always)]
 fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
     let Some(&stx) = bytes.first() else {
         return Scan::Wait;
@@ -270,7 +286,8 @@ fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
     if bytes.len() < frame_len {
         return Scan::Wait;
     }
-    let Some(extra) = Message::crc_extra(id) else {
+    let known = Known::of(id);
+    let Some(extra) = known.crc_extra() else {
         // Without CRC_EXTRA nothing tells a foreign message from noise. Where the next frame (or nothing) follows, its
         // length is believed; else only the start byte is stepped over, so that a frame inside is still found.
         counters.unknown_id += 1;
@@ -278,7 +295,7 @@ fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
             matches!(bytes.get(frame_len), None | Some(&(STX_V1 | STX_V2)));
         return Scan::Skip(if is_followed_by_a_frame { frame_len } else { 1 });
     };
-    let sum = crc::update(crc::update(crc::INIT, &bytes[1..body_len]), &[extra]);
+    let sum = crc::of_frame(&bytes[1..body_len], extra);
     if bytes[body_len..body_len + 2] != sum.to_le_bytes() {
         counters.bad_checksum += 1;
         return Scan::Skip(1);
@@ -291,6 +308,7 @@ fn scan<'a>(bytes: &'a [u8], counters: &mut DecodeCounters) -> Scan<'a> {
         payload: &bytes[header_len..body_len],
         wire: &bytes[..frame_len],
         version,
+        known,
     })
 }
 
@@ -348,8 +366,8 @@ impl Encoder {
         flags: u8,
         write: impl FnOnce(&mut [u8; 255]) -> usize,
     ) -> FrameBytes {
-        let mut bytes = [0u8; MAX_FRAME_LEN];
-        let (header, rest) = bytes.split_at_mut(HEADER_LEN);
+        let mut out = FrameBytes::from([0u8; MAX_FRAME_LEN]);
+        let (header, rest) = out.split_at_mut(HEADER_LEN);
         let n = rest.first_chunk_mut::<255>().map_or(0, write);
         let [id0, id1, id2, _] = id.to_le_bytes();
         header.copy_from_slice(&[
@@ -366,9 +384,8 @@ impl Encoder {
         ]);
         self.sequence = self.sequence.wrapping_add(1);
         let end = HEADER_LEN + n;
-        let sum = crc::update(crc::update(crc::INIT, &bytes[1..end]), &[crc_extra]);
-        bytes[end..end + 2].copy_from_slice(&sum.to_le_bytes());
-        let mut out = FrameBytes::from(bytes);
+        let sum = crc::of_frame(&out[1..end], crc_extra);
+        out[end..end + 2].copy_from_slice(&sum.to_le_bytes());
         out.truncate(end + 2);
         out
     }
@@ -394,7 +411,7 @@ pub fn passed_on(wire: &[u8], sign: Option<(&SigningKey, u8, u64)>) -> Option<Fr
     out[2] = if sign.is_some() { SIGNED } else { 0 };
     let id = u32::from_le_bytes([wire[7], wire[8], wire[9], 0]);
     let extra = Message::crc_extra(id)?;
-    let sum = crc::update(crc::update(crc::INIT, &out[1..]), &[extra]);
+    let sum = crc::of_frame(&out[1..], extra);
     out.extend(sum.to_le_bytes());
     if let Some((key, link_id, stamp)) = sign {
         out.push(link_id);

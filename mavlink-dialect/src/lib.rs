@@ -3,7 +3,7 @@
 //! | Module | Defines |
 //! | --- | --- |
 //! | [`codec`] | [`Decoder`] (push, resynchronising, counting) and [`Encoder`] |
-//! | [`crc`] | CRC-16/MCRF4XX, eight bytes a step |
+//! | [`crc`] | CRC-16/MCRF4XX, sixteen bytes a step |
 //! | [`export`] | our own messages as XML for other generators |
 //! | [`message`] | [`Message`]: a standard message or one of ours |
 //! | [`mode`] | flight modes as PX4 `custom_mode` and as standard modes |

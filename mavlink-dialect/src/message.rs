@@ -2,7 +2,7 @@
 
 use crate::{raw, standard};
 use mavlink::error::ParserError;
-use mavlink::{MavlinkVersion, Message as _};
+use mavlink::{MavlinkVersion, Message as _, MessageData as _};
 use std::sync::LazyLock;
 
 /// A parsed message. Ids that `kestrel.xml` declares parse as [`Message::Raw`], everything else as standard.
@@ -16,7 +16,7 @@ pub enum Message {
 
 /// Which dialect declares an id, with its CRC_EXTRA.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Known {
+pub(crate) enum Known {
     Not,
     Raw(u8),
     Standard(u8),
@@ -25,37 +25,92 @@ enum Known {
 /// Ids below this are looked up in a table; beyond there are few.
 const TABLE_LEN: usize = 512;
 
-/// Asked for every frame: 2 KiB once instead of two searches each time.
+/// Asked for every frame: 1 KiB once instead of two searches each time.
 static TABLE: LazyLock<[Known; TABLE_LEN]> =
-    LazyLock::new(|| core::array::from_fn(|id| search(id as u32)));
+    LazyLock::new(|| core::array::from_fn(|id| Known::search(id as u32)));
 
-#[inline]
-fn look_up(id: u32) -> Known {
-    match TABLE.get(id as usize) {
-        Some(known) => *known,
-        None => search(id),
+impl Known {
+    #[inline]
+    pub(crate) fn of(id: u32) -> Self {
+        match TABLE.get(id as usize) {
+            Some(known) => *known,
+            None => Self::search(id),
+        }
+    }
+
+    #[inline]
+    pub(crate) const fn crc_extra(self) -> Option<u8> {
+        match self {
+            Self::Raw(extra) | Self::Standard(extra) => Some(extra),
+            Self::Not => None,
+        }
+    }
+
+    fn search(id: u32) -> Self {
+        // Both generated look-ups answer 0 for an unknown id; some known ids may have 0 too, so ask for existence.
+        if raw::MavMessage::all_ids().binary_search(&id).is_ok() {
+            Self::Raw(raw::MavMessage::extra_crc(id))
+        } else if standard::MavMessage::all_ids().binary_search(&id).is_ok() {
+            Self::Standard(standard::MavMessage::extra_crc(id))
+        } else {
+            Self::Not
+        }
     }
 }
 
-fn search(id: u32) -> Known {
-    // Both generated look-ups answer 0 for an unknown id; some known ids may have 0 too, so ask for existence.
-    if raw::MavMessage::all_ids().binary_search(&id).is_ok() {
-        Known::Raw(raw::MavMessage::extra_crc(id))
-    } else if standard::MavMessage::all_ids().binary_search(&id).is_ok() {
-        Known::Standard(standard::MavMessage::extra_crc(id))
-    } else {
-        Known::Not
-    }
+/// What comes in streams, parsed where it is wanted: an enumeration that holds any message is 280 bytes, and copying one costs as much as
+/// parsing what is in it.
+macro_rules! streams {
+    ($($name:ident $data:ident),* $(,)?) => {
+        #[inline]
+        fn parse_stream(
+            version: MavlinkVersion,
+            id: u32,
+            payload: &[u8],
+        ) -> Option<Result<Message, ParserError>> {
+            Some(match id {
+                $(standard::$data::ID => match standard::$data::deser(version, payload) {
+                    Ok(data) => Ok(Message::Standard(standard::MavMessage::$name(data))),
+                    Err(why) => Err(why),
+                },)*
+                _ => return None,
+            })
+        }
+    };
+}
+
+streams! {
+    SYS_STATUS SYS_STATUS_DATA,
+    SYSTEM_TIME SYSTEM_TIME_DATA,
+    PARAM_VALUE PARAM_VALUE_DATA,
+    ATTITUDE ATTITUDE_DATA,
+    ATTITUDE_QUATERNION ATTITUDE_QUATERNION_DATA,
+    LOCAL_POSITION_NED LOCAL_POSITION_NED_DATA,
+    GLOBAL_POSITION_INT GLOBAL_POSITION_INT_DATA,
+    RC_CHANNELS RC_CHANNELS_DATA,
+    RC_CHANNELS_OVERRIDE RC_CHANNELS_OVERRIDE_DATA,
+    VFR_HUD VFR_HUD_DATA,
+    ATTITUDE_TARGET ATTITUDE_TARGET_DATA,
+    POSITION_TARGET_LOCAL_NED POSITION_TARGET_LOCAL_NED_DATA,
+    VISION_POSITION_ESTIMATE VISION_POSITION_ESTIMATE_DATA,
+    HIGHRES_IMU HIGHRES_IMU_DATA,
+    OPTICAL_FLOW_RAD OPTICAL_FLOW_RAD_DATA,
+    FILE_TRANSFER_PROTOCOL FILE_TRANSFER_PROTOCOL_DATA,
+    TIMESYNC TIMESYNC_DATA,
+    LOG_DATA LOG_DATA_DATA,
+    DISTANCE_SENSOR DISTANCE_SENSOR_DATA,
+    ALTITUDE ALTITUDE_DATA,
+    BATTERY_STATUS BATTERY_STATUS_DATA,
+    ESTIMATOR_STATUS ESTIMATOR_STATUS_DATA,
+    OBSTACLE_DISTANCE OBSTACLE_DISTANCE_DATA,
+    ODOMETRY ODOMETRY_DATA,
 }
 
 impl Message {
     /// CRC_EXTRA of an id, none if neither dialect knows it.
     #[must_use]
     pub fn crc_extra(id: u32) -> Option<u8> {
-        match look_up(id) {
-            Known::Raw(extra) | Known::Standard(extra) => Some(extra),
-            Known::Not => None,
-        }
+        Known::of(id).crc_extra()
     }
 
     /// Parses a payload whose checksum was right.
@@ -64,10 +119,22 @@ impl Message {
     /// The payload holds an enumeration value the dialect does not know, or the id is unknown.
     #[inline]
     pub fn parse(version: MavlinkVersion, id: u32, payload: &[u8]) -> Result<Self, ParserError> {
-        match look_up(id) {
+        Self::parse_known(Known::of(id), version, id, payload)
+    }
+
+    #[inline]
+    pub(crate) fn parse_known(
+        known: Known,
+        version: MavlinkVersion,
+        id: u32,
+        payload: &[u8],
+    ) -> Result<Self, ParserError> {
+        match known {
             Known::Raw(_) => raw::MavMessage::parse(version, id, payload).map(Self::Raw),
             Known::Standard(_) | Known::Not => {
-                standard::MavMessage::parse(version, id, payload).map(Self::Standard)
+                parse_stream(version, id, payload).unwrap_or_else(|| {
+                    standard::MavMessage::parse(version, id, payload).map(Self::Standard)
+                })
             }
         }
     }

@@ -20,7 +20,7 @@
 //! let bytes = encoder.encode_signed(&beat, &key, 1, sender.stamp());
 //! let mut verdicts = Vec::new();
 //! for _ in 0..2 {
-//!     Decoder::new().push_wire(&bytes, |frame, wire| verdicts.push(receiver.check(&key, frame.from, wire).is_ok()));
+//!     Decoder::new().push_wire(&bytes, |frame, _| verdicts.push(receiver.check(&key, frame.from, frame.wire).is_ok()));
 //! }
 //! assert_eq!(verdicts, [true, false], "once, and not again");
 //! ```
@@ -36,6 +36,8 @@ use thiserror::Error;
 pub const SIGNATURE_LEN: usize = 13;
 /// Bytes of it that are the hash.
 const TAG_LEN: usize = 6;
+/// Largest time stamp that a clock may be set to (2059): beyond the last of 48 bits nobody could sign any more.
+pub const MAX_STAMP: u64 = 1 << 47;
 /// 2015-01-01 UTC, us since 1970.
 const EPOCH_US: u64 = 1_420_070_400_000_000;
 /// A new stream may be this far behind, 10 us.
@@ -141,6 +143,11 @@ impl SigningState {
         self.clock = self.clock.max(utc_us.saturating_sub(EPOCH_US) / 10);
     }
 
+    /// A time stamp that is known to have been used, 10 us; a clock that is ahead stays ahead.
+    pub fn observe(&mut self, stamp: u64) {
+        self.clock = self.clock.max(stamp.min(MAX_STAMP));
+    }
+
     /// The clock, 10 us: what to store for the next run.
     #[must_use]
     pub const fn clock(&self) -> u64 {
@@ -222,8 +229,8 @@ mod tests {
         bytes: &[u8],
     ) -> Option<Result<(), Rejection>> {
         let mut verdict = None;
-        Decoder::new().push_wire(bytes, |frame, wire| {
-            verdict = Some(state.check(key, frame.from, wire));
+        Decoder::new().push_wire(bytes, |frame, _| {
+            verdict = Some(state.check(key, frame.from, frame.wire));
         });
         verdict
     }

@@ -1,10 +1,11 @@
 """Operator control: of several ground stations one flies, if any has asked for that."""
 
 import random
+import threading
 import time
 
 from kestrel_harness import Kestrel
-from station import mav
+from station import mav, waypoint
 
 CONTROL = 32100
 CONTROL_STATUS = 512
@@ -67,3 +68,65 @@ def test_random_requests_have_one_owner():
             assert len(through) == 1, len(through)
             turns += 1
     return f"{turns} turns"
+
+
+def upload(station, items):
+    """Uploads a mission as one of several who do so at once; MAV_MISSION_RESULT of what was answered to us."""
+    ours = station.conn.mav.srcSystem
+    kinds = ("MISSION_REQUEST_INT", "MISSION_ACK")
+    with station.listen(*kinds, when=lambda m: m.mission_type == 0 and m.target_system == ours) as mailbox:
+        with station.sending() as out:
+            out.mission_count_send(1, 1, len(items), 0)
+        while True:
+            message = station.take(mailbox, 10.0, "an answer to our plan")
+            if message.get_type() == "MISSION_ACK":
+                return message.type
+            with station.sending() as out:
+                out.mission_item_int_send(1, 1, message.seq, *items[message.seq], 0)
+
+
+def test_four_stations_and_a_key_console_at_once():
+    """Row 7: four plans at once end as one of them, whole; answers name their asker; the console's keys and words are its own."""
+    with Kestrel(seed=33, servers=5) as kestrel:
+        stations = [kestrel.station(i, system=251 + i) for i in range(4)]
+        console = kestrel.station(4, system=250)
+        stations[0].wait_ready()
+        plans = [[waypoint(0.1 * k, 0.05 * s, -1.0 - 0.1 * s) for k in range(12)] for s in range(4)]
+        # What is addressed to somebody names who asked: nobody hears an answer to what he did not ask.
+        mailboxes = []
+        for station in stations:
+            for kind, target in (("MISSION_ACK", "target_system"), ("SERIAL_CONTROL", "target_system")):
+                mailboxes.append((station, station.listen(kind), target))
+        boxes = [(station, box.__enter__(), target, box) for station, box, target in mailboxes]
+
+        results = [None] * 4
+
+        def fly(s):
+            results[s] = upload(stations[s], plans[s])
+
+        threads = [threading.Thread(target=fly, args=(s,)) for s in range(4)]
+        for thread in threads:
+            thread.start()
+        lines = []
+        with console.listen("SERIAL_CONTROL", when=lambda m: m.target_system in (0, 250)) as replies:
+            for word in (b"status\n", b"m\n"):
+                with console.sending() as out:
+                    out.serial_control_send(10, 6, 0, 0, len(word), list(word.ljust(70, b"\0")))
+                line = console.take(replies, 5.0, "the console's answer")
+                lines.append(bytes(line.data[: line.count]))
+        for thread in threads:
+            thread.join(30)
+        allowed = {mav.MAV_MISSION_ACCEPTED, mav.MAV_MISSION_DENIED}
+        assert set(results) <= allowed and mav.MAV_MISSION_ACCEPTED in results, results
+        heights = {round(item.z, 3) for item in stations[0].download()}
+        whole = {round(plans[s][0][-1], 3) for s in range(4) if results[s] == mav.MAV_MISSION_ACCEPTED}
+        assert len(heights) == 1 and heights <= whole, f"a mixed plan: {heights}, accepted {whole}"
+        for station, box, target, context in boxes:
+            asked = {"MISSION_ACK": {0, 251, 252, 253, 254}, "SERIAL_CONTROL": {0, 250}}
+            while not box.empty():
+                message = box.get()
+                assert getattr(message, target) in asked[message.get_type()], message
+            context.__exit__(None, None, None)
+        assert b"fly" in lines[1].lower() or b"manual" in lines[1].lower(), lines
+    accepted = sum(r == mav.MAV_MISSION_ACCEPTED for r in results)
+    return f"{accepted} of 4 plans taken one after the other, {4 - accepted} denied meanwhile"

@@ -17,15 +17,41 @@ from test_keys import number
 MODULES = "log,signing,wp,rally,fence,ftp,param,relay,tuneopt,arm,mode,calibration,rc,auxopt,misc,cmdlong,battery,output"
 
 
+# MAVProxy draws graphs in a process of its own, by matplotlib in a window. Without a window: the same process, which writes down what it is
+# given to draw.
+HEADLESS = """
+import os, sys
+
+def use(_):
+    graph = sys._getframe(1).f_locals["self"]
+    with open(os.environ["GRAPH_FILE"], "a", buffering=1) as out:
+        while not graph.close_graph.is_set():
+            if graph.child_pipe.poll(0.2):
+                print(*graph.child_pipe.recv(), file=out)
+    os._exit(0)
+"""
+
+
 class Prompt:
     """MAVProxy with its standard input and output."""
 
     def __init__(self, port, folder):
         script = Path(sys.executable).parent / "mavproxy.py"
+        self.graph_file = folder / "graph.txt"
+        (folder / "headless").mkdir(exist_ok=True)
+        (folder / "headless" / "matplotlib.py").write_text(HEADLESS)
+        paths = f"{folder / 'headless'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
         self.process = subprocess.Popen(
             [sys.executable, "-u", str(script), f"--master=udpout:127.0.0.1:{port}", f"--default-modules={MODULES}"],
             cwd=folder,
-            env={**os.environ, "HOME": str(folder), "PYTHONUNBUFFERED": "1", "MAVLINK20": "1"},
+            env={
+                **os.environ,
+                "HOME": str(folder),
+                "PYTHONUNBUFFERED": "1",
+                "MAVLINK20": "1",
+                "PYTHONPATH": paths,
+                "GRAPH_FILE": str(self.graph_file),
+            },
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -235,7 +261,20 @@ def test_parameters_plans_files_and_logs_at_the_prompt():
             mark = prompt.type("status ATTITUDE")
             prompt.expect("ATTITUDE", since=mark)
             mark = prompt.type("module load graph")
-            prompt.expect("Loaded module graph", "module graph", "No module named", since=mark)
+            prompt.expect("Loaded module graph", since=mark)
+            mark = prompt.type("graph ATTITUDE.yaw LOCAL_POSITION_NED.z")
+            prompt.expect("Adding graph", since=mark)
+            mark = prompt.type("graph SYS_STATUS.voltage_battery")
+            prompt.expect("Adding graph", since=mark)
+            watch.sleep(3.0)
+            mark = prompt.type("graph")
+            prompt.expect("Graph 1: ['SYS_STATUS.voltage_battery']", since=mark)
+            rows = [line.split() for line in prompt.graph_file.read_text().splitlines()[:-1]]
+            pairs = [(float(a), float(b)) for row in rows if len(row) == 2 and "None" not in row for a, b in [row]]
+            volts = [float(row[0]) for row in rows if len(row) == 1]
+            assert len(pairs) > 20 and volts, f"{len(pairs)} and {len(volts)} rows drawn"
+            assert abs(pairs[-1][0] - watch.latest["ATTITUDE"].yaw) < 0.1 and abs(pairs[-1][1]) < 0.3, pairs[-1]
+            assert all(9_000 < v < 30_000 for v in volts), volts[-1]
         finally:
             prompt.close()
             (folder / "transcript.txt").write_text(prompt.transcript)

@@ -18,7 +18,7 @@ use crate::gcs::patrol::PatrolReport;
 use crate::gcs::router::{PeerStats, Router, RouterCounters, Verdict};
 use crate::gcs::sensor_feed::SensorFeed;
 use crate::gcs::setpoint::SetpointService;
-use crate::gcs::signing::{self, LinkSigning};
+use crate::gcs::signing::LinkSigning;
 use crate::gcs::telemetry::Telemetry;
 use crate::gcs::text::{TextService, Told};
 use crate::gcs::{
@@ -32,7 +32,9 @@ use arrayvec::ArrayVec;
 use core::time::Duration;
 use mavlink_dialect::command::result;
 use mavlink_dialect::standard::MavMessage;
-use mavlink_dialect::{Address, DecodeCounters, Decoder, Encoder, Frame, FrameBytes, Message, raw};
+use mavlink_dialect::{
+    Address, DecodeCounters, Decoder, Encoder, FrameBytes, FrameView, Message, raw,
+};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{Airframe, FloorPlan, In, MapAnchor, Ned, Timestamp};
@@ -259,23 +261,28 @@ impl Ground {
             settings,
         };
         for document in &documents {
-            if document.name == signing::DOCUMENT {
-                ground.signing.restore(&document.bytes);
-            }
+            ground.signing.restore(document);
             let ctx = context!(ground);
             ground
                 .mission
                 .restore_document(Timestamp::ZERO, document, &ctx, &mut ground.out);
         }
+        ground.access.set_signed(ground.signing.has_given_key());
         ground.drain(Timestamp::ZERO, Class::Answer);
         ground
     }
 
     /// Role, key, budget and routing of the links of each endpoint, by number of the endpoint ([`LinkId::of`]).
     pub fn set_policies(&mut self, policies: Vec<LinkPolicy>) {
-        let keys = policies.iter().map(|p| p.key.clone()).collect();
-        self.signing.set_keys(keys);
+        self.signing.set_endpoints(&policies);
         self.access = Access::new(policies);
+        self.access.set_signed(self.signing.has_given_key());
+    }
+
+    /// True if SETUP_SIGNING has given a key.
+    #[must_use]
+    pub const fn has_given_key(&self) -> bool {
+        self.signing.has_given_key()
     }
 
     /// The shell passes frames of components behind us on to the stations itself: only their way back is ours.
@@ -334,6 +341,7 @@ impl Ground {
         self.ftp.link_down(link);
         self.logs.link_down(link);
         self.router.link_down(link);
+        self.signing.link_down(link);
         self.queue.forget(link);
         self.control.link_down(link);
         while let Some(asked) = self.out.requests.pop_front() {
@@ -352,9 +360,13 @@ impl Ground {
             return;
         };
         let mut decoder = core::mem::take(&mut self.links[at].decoder);
-        decoder.push_wire(bytes, |frame, wire| self.take(now, link, &frame, wire));
+        decoder.push_wire(bytes, |frame, message| {
+            self.take(now, link, frame, message);
+        });
         if is_datagram {
-            decoder.end_of_datagram_wire(|frame, wire| self.take(now, link, &frame, wire));
+            decoder.end_of_datagram_wire(|frame, message| {
+                self.take(now, link, frame, message);
+            });
         }
         self.links[at].decoder = decoder;
     }
@@ -563,31 +575,36 @@ impl Ground {
     }
 
     /// One frame of a link.
-    fn take(&mut self, now: Timestamp, link: LinkId, frame: &Frame, wire: &[u8]) {
+    fn take(&mut self, now: Timestamp, link: LinkId, frame: &FrameView<'_>, message: &Message) {
         let ctx = context!(self);
-        if !self
-            .signing
-            .admits(now, link, frame, wire, &ctx, &mut self.out)
-        {
-            return self.drain(now, Class::Answer);
-        }
-        let verdict = self.router.judge(now, link, frame);
-        if self.access.routes() && verdict != Verdict::Echo {
-            self.pass_frame_on(link, frame, wire);
-        }
-        if !matches!(verdict, Verdict::ForUs | Verdict::ForCamera) {
-            return;
-        }
         let from = Peer {
             link,
             address: frame.from,
         };
+        if !self
+            .signing
+            .admits(now, from, frame.id, frame.wire, &ctx, &mut self.out)
+        {
+            return self.drain(now, Class::Answer);
+        }
+        let verdict = self.router.judge(now, from, frame.sequence, message);
+        if self.access.routes() && verdict != Verdict::Echo {
+            self.pass_frame_on(link, message, frame.wire);
+        }
+        if !matches!(verdict, Verdict::ForUs | Verdict::ForCamera) {
+            return;
+        }
         let role = self.access.role(link);
         let ctx = Context {
             role,
             ..context!(self)
         };
-        let (message, out) = (&frame.message, &mut self.out);
+        let out = &mut self.out;
+        if let Message::Standard(MavMessage::SETUP_SIGNING(m)) = message {
+            self.signing.set_up(now, from, m, &ctx, out);
+            self.access.set_signed(self.signing.has_given_key());
+            return self.drain(now, Class::Answer);
+        }
         if self.camera.is_there() {
             let by_name = verdict == Verdict::ForCamera;
             self.camera.handle(now, from, message, by_name, &ctx, out);
@@ -595,7 +612,9 @@ impl Ground {
         if verdict == Verdict::ForCamera {
             return self.drain(now, Class::Answer);
         }
-        let needs = access::needs(message);
+        let Some(needs) = access::needs(message).filter(|_| !self.sensors.ignores(message)) else {
+            return self.drain(now, Class::Answer);
+        };
         if role < needs {
             access::deny(&self.access, from, message, &ctx, out);
         } else if self.control.handle(now, from, message, out) {
@@ -649,15 +668,20 @@ impl Ground {
 
     /// A frame of a component behind us to the stations, one of a station to the component it names. What is addressed to nobody in
     /// particular goes to all of the other kind.
-    fn pass_frame_on(&mut self, link: LinkId, frame: &Frame, wire: &[u8]) {
-        let message = &frame.message;
+    fn pass_frame_on(&mut self, link: LinkId, message: &Message, wire: &[u8]) {
+        let is_behind = self.access.is_routed(link);
+        // What we do not know may move what is behind us; what comes from there is telemetry.
+        let unknown = if is_behind { Role::Viewer } else { Role::Pilot };
         if matches!(message.id(), RADIO_STATUS | SETUP_SIGNING)
-            || self.access.role(link) < access::needs(message)
+            || self.access.role(link) < access::needs(message).unwrap_or(unknown)
         {
             return;
         }
-        let is_behind = self.access.is_routed(link);
-        if is_behind && self.shell_routes && self.access.role(link) == Role::Engineer {
+        if is_behind
+            && self.shell_routes
+            && !self.signing.has_given_key()
+            && self.access.role(link) == Role::Engineer
+        {
             return;
         }
         let target = message.target();

@@ -11,7 +11,7 @@ use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::door::{Asked, Request, RequestId, Severity, Snapshot, Station};
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
 use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
-use bridge::gcs::Document;
+use bridge::gcs::{DOCUMENTS, Document};
 use bridge::io::bench_line::BenchLine;
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
@@ -225,7 +225,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         ground.listen_to_sensors(feed);
     }
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
-    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
+    links.route_for(&mut ground);
     let door = args.passthrough.as_deref().map(open_door).transpose()?;
     let mut handle =
         flight_thread::start(flight, fc.clone(), clock, flight_tap).map_err(|e| anyhow!(e))?;
@@ -317,12 +317,7 @@ impl Kept {
         }
         super::apply_sets(&mut settings, &args.params)?;
         let mut documents = Vec::new();
-        for name in [
-            "mission.json",
-            "fence.json",
-            "rally.json",
-            "signing-clock.txt",
-        ] {
+        for name in DOCUMENTS {
             if let Some(bytes) = keep
                 .read(name)
                 .with_context(|| format!("cannot read the stored {name}"))?
@@ -474,7 +469,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
     ground.snapshot(clock.now(), flight.snapshot());
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
     let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
-    ground.set_shell_routes(links.routes_as(our_address(ground.settings())));
+    links.route_for(&mut ground);
     let (handle, thread) = uquad_thread::start(flight, source, &motors, logs, clock)?;
     let mut terminal = Terminal::new(args.quiet);
     terminal.line(&format!(
@@ -823,6 +818,7 @@ impl GroundLoop {
                     self.ground.disk(self.clock.now(), ticket, &reply);
                 }
                 GroundOutput::Keep(document) => {
+                    self.links.note(&document);
                     if let Err(e) = self.keep.write(&document) {
                         self.terminal
                             .line(&format!("  cannot keep {}: {e}", document.name));

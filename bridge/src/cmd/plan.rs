@@ -141,25 +141,25 @@ pub(crate) fn run(args: &PlanArgs) -> Result<ExitCode> {
         .into());
     }
     let items = steps.len();
+    let no_fly: Vec<Vec<_>> = plan
+        .no_fly
+        .iter()
+        .map(|zone| {
+            let corner = |[x, y]: &[f64; 2]| anchor.to_ned(In::new(*x, *y, 0.0));
+            zone.iter().map(corner).collect()
+        })
+        .collect();
+    let geo = GeoAnchor::from_params(&settings.ground);
     let file = PlanFile {
-        steps,
-        no_fly: plan
-            .no_fly
-            .iter()
-            .map(|zone| {
-                let corner = |[x, y]: &[f64; 2]| anchor.to_ned(In::new(*x, *y, 0.0));
-                zone.iter().map(corner).collect()
-            })
-            .collect(),
         rooms: made
             .rooms
             .iter()
             .map(|(n, p)| (n.clone(), ned(p)))
             .collect(),
-        cruise_mps: args.speed.unwrap_or(settings.planner.cruise_mps),
+        cruise_mps: Some(args.speed.unwrap_or(settings.planner.cruise_mps)),
+        ..PlanFile::from_steps(&steps, &no_fly, &geo)
     };
-    let geo = GeoAnchor::from_params(&settings.ground);
-    std::fs::write(&args.out, file.to_json(&geo))
+    std::fs::write(&args.out, file.to_json())
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     let mut out = std::io::stdout().lock();
     let _ = writeln!(out, "{}", made.words);

@@ -361,6 +361,7 @@ impl<W: World> Session<W> {
     }
 
     fn store(&mut self, document: &Document) {
+        self.links.note(document);
         if let Err(e) = self.keep.write(document) {
             self.terminal
                 .line(&format!("  cannot keep {}: {e}", document.name));

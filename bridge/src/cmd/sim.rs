@@ -8,8 +8,8 @@ use super::{Usage, firmware, rooms};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::flight::Start;
 use bridge::autopilot::ground::Ground;
-use bridge::gcs::Document;
 use bridge::gcs::access::LinkPolicy;
+use bridge::gcs::{DOCUMENTS, Document};
 use bridge::io::endpoint::{self, Endpoint, EndpointError};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::{Lockstep, LockstepConfig, our_address};
@@ -30,14 +30,6 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 use vehicle::{FloorPlan, In, MapPose, RingConfig, Timestamp};
-
-/// Documents that may be in the state folder.
-const DOCUMENTS: [&str; 4] = [
-    "parameters.toml",
-    "mission.json",
-    "fence.json",
-    "rally.json",
-];
 
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
@@ -392,7 +384,7 @@ impl SimArgs {
             )?;
         }
         if let Some(bytes) = keep
-            .read(DOCUMENTS[0])
+            .read("parameters.toml")
             .context("cannot read the stored parameters")?
         {
             let text = String::from_utf8_lossy(&bytes);
@@ -612,8 +604,7 @@ impl SimArgs {
         };
         ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
         let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
-        let us = our_address(ground.settings());
-        ground.set_shell_routes(links.routes_as(us));
+        links.route_for(ground);
         Ok(links)
     }
 }

@@ -2,14 +2,14 @@
 //!
 //! | Link | Role, unless `?role=` says another |
 //! | --- | --- |
-//! | signed (`?key=`) | engineer: who speaks there knows the secret |
+//! | signed (`?key=`, or a key by SETUP_SIGNING) | engineer: who speaks there knows the secret |
 //! | loopback, serial | engineer: who speaks there holds the machine |
 //! | any other network address | viewer |
 //!
 //! | Role | Beyond the one before |
 //! | --- | --- |
 //! | viewer | telemetry, reading (parameters, plans, files, logs), intervals, clocks, and STOP |
-//! | pilot | arming, modes, goals, plans, sticks, set points, keys |
+//! | pilot | arming, modes, goals, plans, sticks, set points, keys; samples of sensors |
 //! | engineer | parameters, origin, calibration, motor test, restart, erasing, writing files |
 //!
 //! STOP is DO_PAUSE_CONTINUE 0, LOITER_UNLIM, or mode Hold in each of its forms; again within 3 s it lands. It is never refused.
@@ -23,6 +23,7 @@ use super::convert::{mode_from_px4, mode_from_standard};
 use super::{Context, Destination, LinkId, Outbox, Peer, command, params};
 use crate::autopilot::door::Severity;
 use crate::autopilot::mode::Mode;
+use mavlink::Message as _;
 use mavlink_dialect::command::{Command, cmd, result};
 use mavlink_dialect::mission_item::mission_result;
 use mavlink_dialect::mode::{FLAG_CUSTOM, Px4Mode};
@@ -31,6 +32,7 @@ use mavlink_dialect::standard::{self, FILE_TRANSFER_PROTOCOL_DATA};
 use mavlink_dialect::{Message, raw};
 use std::fmt;
 use std::str::FromStr;
+use std::sync::LazyLock;
 
 /// What a link may do. A later one may all that an earlier one may.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -92,13 +94,23 @@ pub struct LinkPolicy {
 #[derive(Debug, Default)]
 pub struct Access {
     policies: Vec<LinkPolicy>,
+    /// Other machines must sign on every link ([`super::signing`]).
+    is_signed: bool,
 }
 
 impl Access {
     /// Policies by number of the endpoint ([`LinkId::of`]).
     #[must_use]
     pub const fn new(policies: Vec<LinkPolicy>) -> Self {
-        Self { policies }
+        Self {
+            policies,
+            is_signed: false,
+        }
+    }
+
+    /// SETUP_SIGNING has given a key, or taken it away.
+    pub const fn set_signed(&mut self, is_signed: bool) {
+        self.is_signed = is_signed;
     }
 
     /// What was said about the endpoint of a link.
@@ -113,7 +125,12 @@ impl Access {
         let policy = self.policy(link);
         match policy.and_then(|p| p.role) {
             Some(role) => role,
-            None if link.is_remote() && policy.is_none_or(|p| p.key.is_none()) => Role::Viewer,
+            None if link.is_remote()
+                && !self.is_signed
+                && policy.is_none_or(|p| p.key.is_none()) =>
+            {
+                Role::Viewer
+            }
             None => Role::Engineer,
         }
     }
@@ -155,21 +172,22 @@ impl Access {
     }
 }
 
-/// The role that a message needs.
+/// The role that a message needs; none for what no service takes. A message that is not named here reaches no service at all, so
+/// that nothing new can act before somebody has said who may.
 #[must_use]
-pub fn needs(message: &Message) -> Role {
+pub fn needs(message: &Message) -> Option<Role> {
     use raw::MavMessage as R;
     use standard::MavMessage as S;
     match message {
-        Message::Raw(R::COMMAND_LONG(m)) => command_needs(&Command::from_long(m)),
-        Message::Raw(R::COMMAND_INT(m)) => command_needs(&Command::from_int(m)),
-        Message::Raw(R::SET_MODE(m)) => {
-            let mode = (m.base_mode & FLAG_CUSTOM != 0)
-                .then(|| mode_from_px4(Px4Mode::from_custom_mode(m.custom_mode)));
-            stop_or_pilot(mode.flatten())
-        }
-        Message::Raw(R::SERIAL_CONTROL(m)) if m.count == 0 => Role::Viewer,
-        Message::Raw(
+        Message::Raw(m) => match m {
+            R::COMMAND_LONG(m) => Some(command_needs(&Command::from_long(m))),
+            R::COMMAND_INT(m) => Some(command_needs(&Command::from_int(m))),
+            R::SET_MODE(m) => {
+                let mode = (m.base_mode & FLAG_CUSTOM != 0)
+                    .then(|| mode_from_px4(Px4Mode::from_custom_mode(m.custom_mode)));
+                Some(stop_or_pilot(mode.flatten()))
+            }
+            R::SERIAL_CONTROL(m) if m.count == 0 => Some(Role::Viewer),
             R::SERIAL_CONTROL(_)
             | R::COMMAND_CANCEL(_)
             | R::MISSION_COUNT(_)
@@ -180,25 +198,74 @@ pub fn needs(message: &Message) -> Role {
             | R::MANUAL_CONTROL(_)
             | R::SET_ATTITUDE_TARGET(_)
             | R::SET_POSITION_TARGET_LOCAL_NED(_)
-            | R::SET_POSITION_TARGET_GLOBAL_INT(_),
-        ) => Role::Pilot,
-        Message::Standard(
-            S::MISSION_SET_CURRENT(_) | S::RC_CHANNELS_OVERRIDE(_) | S::SET_HOME_POSITION(_),
-        ) => Role::Pilot,
-        Message::Raw(R::PARAM_SET(_)) => Role::Engineer,
-        Message::Standard(S::SET_GPS_GLOBAL_ORIGIN(_) | S::LOG_ERASE(_) | S::SETUP_SIGNING(_)) => {
-            Role::Engineer
-        }
-        Message::Standard(S::FILE_TRANSFER_PROTOCOL(m)) => {
-            // CreateFile 6 to RemoveDirectory 10, OpenFileWO 11, TruncateFile 12, Rename 13.
-            if (6..=13).contains(&m.payload[FTP_OPCODE]) {
-                Role::Engineer
-            } else {
-                Role::Viewer
+            | R::SET_POSITION_TARGET_GLOBAL_INT(_) => Some(Role::Pilot),
+            R::PARAM_SET(_) => Some(Role::Engineer),
+            R::HEARTBEAT(_)
+            | R::COMMAND_ACK(_)
+            | R::MISSION_ACK(_)
+            | R::MISSION_REQUEST(_)
+            | R::MISSION_REQUEST_INT(_)
+            | R::MISSION_REQUEST_LIST(_)
+            | R::MISSION_REQUEST_PARTIAL_LIST(_)
+            | R::REQUEST_DATA_STREAM(_) => Some(Role::Viewer),
+            // What we say ourselves; of others it is news for people.
+            R::AUTOPILOT_VERSION(_)
+            | R::STATUSTEXT(_)
+            | R::KESTREL_AVOIDANCE(_)
+            | R::KESTREL_CONTROL(_)
+            | R::KESTREL_LOCALIZATION(_)
+            | R::KESTREL_LOOP(_) => None,
+        },
+        Message::Standard(m) => match m {
+            S::PARAM_REQUEST_LIST(_)
+            | S::PARAM_REQUEST_READ(_)
+            | S::LOG_REQUEST_LIST(_)
+            | S::LOG_REQUEST_DATA(_)
+            | S::LOG_REQUEST_END(_)
+            | S::TIMESYNC(_)
+            | S::PING(_)
+            | S::RADIO_STATUS(_) => Some(Role::Viewer),
+            // Samples of sensors move the estimate, and so the vehicle.
+            S::DISTANCE_SENSOR(_)
+            | S::OBSTACLE_DISTANCE(_)
+            | S::OPTICAL_FLOW_RAD(_)
+            | S::VISION_POSITION_ESTIMATE(_)
+            | S::ODOMETRY(_)
+            | S::MISSION_SET_CURRENT(_)
+            | S::RC_CHANNELS_OVERRIDE(_)
+            | S::SET_HOME_POSITION(_) => Some(Role::Pilot),
+            S::SET_GPS_GLOBAL_ORIGIN(_) | S::LOG_ERASE(_) | S::SETUP_SIGNING(_) => {
+                Some(Role::Engineer)
             }
-        }
-        Message::Raw(_) | Message::Standard(_) => Role::Viewer,
+            S::FILE_TRANSFER_PROTOCOL(m) => {
+                // CreateFile 6 to RemoveDirectory 10, OpenFileWO 11, TruncateFile 12, Rename 13.
+                Some(if (6..=13).contains(&m.payload[FTP_OPCODE]) {
+                    Role::Engineer
+                } else {
+                    Role::Viewer
+                })
+            }
+            _ => None,
+        },
     }
+}
+
+/// True if some service takes messages of this id.
+#[must_use]
+pub fn is_served(id: u32) -> bool {
+    /// None of ours is beyond.
+    const IDS: usize = 512;
+    static SERVED: LazyLock<[bool; IDS]> = LazyLock::new(|| {
+        core::array::from_fn(|id| {
+            let id = id as u32;
+            let raw = raw::MavMessage::default_message_from_id(id).map(Message::Raw);
+            let message = raw.or_else(|| {
+                standard::MavMessage::default_message_from_id(id).map(Message::Standard)
+            });
+            message.is_some_and(|m| needs(&m).is_some())
+        })
+    });
+    SERVED.get(id as usize).copied().unwrap_or(false)
 }
 
 const FTP_OPCODE: usize = 3;
@@ -342,7 +409,7 @@ fn file_protected(from: Peer, m: &FILE_TRANSFER_PROTOCOL_DATA) -> FILE_TRANSFER_
 
 /// A role denies a message: its answer.
 pub fn deny(access: &Access, from: Peer, message: &Message, ctx: &Context<'_>, out: &mut Outbox) {
-    let why = access.advice(from.link, needs(message));
+    let why = access.advice(from.link, needs(message).unwrap_or_default());
     refuse(from, message, result::DENIED, &why, ctx, out);
 }
 
@@ -378,6 +445,10 @@ mod tests {
         .into()
     }
 
+    fn needs_of(message: &Message) -> Role {
+        needs(message).unwrap()
+    }
+
     #[test]
     fn who_holds_the_machine_or_the_key_may_all_and_others_watch() {
         let access = access();
@@ -390,9 +461,12 @@ mod tests {
 
     #[test]
     fn stop_in_every_form_needs_no_role() {
-        assert_eq!(needs(&long(cmd::DO_PAUSE_CONTINUE, 0.0)), Role::Viewer);
-        assert_eq!(needs(&long(cmd::DO_PAUSE_CONTINUE, 1.0)), Role::Pilot);
-        assert_eq!(needs(&long(cmd::NAV_LOITER_UNLIM, f32::NAN)), Role::Viewer);
+        assert_eq!(needs_of(&long(cmd::DO_PAUSE_CONTINUE, 0.0)), Role::Viewer);
+        assert_eq!(needs_of(&long(cmd::DO_PAUSE_CONTINUE, 1.0)), Role::Pilot);
+        assert_eq!(
+            needs_of(&long(cmd::NAV_LOITER_UNLIM, f32::NAN)),
+            Role::Viewer
+        );
         let hold = raw::COMMAND_LONG_DATA {
             command: cmd::DO_SET_MODE,
             param1: 1.0,
@@ -405,11 +479,11 @@ mod tests {
             ..hold.clone()
         };
         assert_eq!(
-            needs(&raw::MavMessage::COMMAND_LONG(hold).into()),
+            needs_of(&raw::MavMessage::COMMAND_LONG(hold).into()),
             Role::Viewer
         );
         assert_eq!(
-            needs(&raw::MavMessage::COMMAND_LONG(land).into()),
+            needs_of(&raw::MavMessage::COMMAND_LONG(land).into()),
             Role::Pilot
         );
         for (custom_mode, role) in [(4 << 16 | 3 << 24, Role::Viewer), (3 << 16, Role::Pilot)] {
@@ -418,27 +492,43 @@ mod tests {
                 custom_mode,
                 ..Default::default()
             };
-            assert_eq!(needs(&raw::MavMessage::SET_MODE(m).into()), role);
+            assert_eq!(needs_of(&raw::MavMessage::SET_MODE(m).into()), role);
         }
     }
 
     #[test]
     fn what_outlives_a_flight_is_the_engineers_and_reading_everybodys() {
         assert_eq!(
-            needs(&long(cmd::PREFLIGHT_CALIBRATION, 1.0)),
+            needs_of(&long(cmd::PREFLIGHT_CALIBRATION, 1.0)),
             Role::Engineer
         );
-        assert_eq!(needs(&long(cmd::COMPONENT_ARM_DISARM, 1.0)), Role::Pilot);
-        assert_eq!(needs(&long(cmd::REQUEST_MESSAGE, 148.0)), Role::Viewer);
-        assert_eq!(needs(&long(60_000, 0.0)), Role::Viewer);
+        assert_eq!(needs_of(&long(cmd::COMPONENT_ARM_DISARM, 1.0)), Role::Pilot);
+        assert_eq!(needs_of(&long(cmd::REQUEST_MESSAGE, 148.0)), Role::Viewer);
+        assert_eq!(needs_of(&long(60_000, 0.0)), Role::Viewer);
         let mut file = FILE_TRANSFER_PROTOCOL_DATA::default();
         file.payload[FTP_OPCODE] = 4;
         let message = |f: &FILE_TRANSFER_PROTOCOL_DATA| -> Message {
             standard::MavMessage::FILE_TRANSFER_PROTOCOL(f.clone()).into()
         };
-        assert_eq!(needs(&message(&file)), Role::Viewer);
+        assert_eq!(needs_of(&message(&file)), Role::Viewer);
         file.payload[FTP_OPCODE] = 8;
-        assert_eq!(needs(&message(&file)), Role::Engineer);
+        assert_eq!(needs_of(&message(&file)), Role::Engineer);
+    }
+
+    #[test]
+    fn samples_of_sensors_need_a_pilot_and_what_nobody_takes_reaches_nobody() {
+        let pose = standard::MavMessage::VISION_POSITION_ESTIMATE(Default::default());
+        assert_eq!(needs(&pose.into()), Some(Role::Pilot));
+        let theirs = standard::MavMessage::ATTITUDE(Default::default());
+        assert_eq!(needs(&theirs.into()), None);
+        assert!(is_served(0) && is_served(76) && is_served(110) && !is_served(30));
+        let beyond = standard::MavMessage::all_ids()
+            .iter()
+            .filter(|id| **id >= 512);
+        for id in beyond {
+            let m = standard::MavMessage::default_message_from_id(*id).unwrap();
+            assert_eq!(needs(&m.into()), None, "{id}");
+        }
     }
 
     #[test]

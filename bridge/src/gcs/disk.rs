@@ -3,6 +3,47 @@
 //! A name is one plain component ([`is_plain_name`]): no service can even say a path that climbs out of its folder. The
 //! shell adds the rest (`io/folder.rs`): no links are followed, nothing but regular files is opened.
 
+use core::time::Duration;
+
+/// A disk that does not answer in this time is broken.
+pub const TIMEOUT: Duration = Duration::from_secs(2);
+/// Time between two bursts of packets that are cut from a file.
+pub const PUMP_PERIOD: Duration = Duration::from_millis(5);
+
+/// A piece of a file that came from the disk, of which packets are cut.
+#[derive(Clone, Debug, Default)]
+pub struct Block {
+    at: u64,
+    bytes: Vec<u8>,
+}
+
+impl Block {
+    /// Bytes that begin at an offset of the file.
+    #[must_use]
+    pub const fn new(at: u64, bytes: Vec<u8>) -> Self {
+        Self { at, bytes }
+    }
+
+    /// At most so many bytes from an offset of the file on; none if they must come from the disk first.
+    #[must_use]
+    pub fn get(&self, at: u64, most: usize) -> Option<&[u8]> {
+        cut(&self.bytes, at.checked_sub(self.at)?, most)
+    }
+
+    /// True if nothing is in it.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+}
+
+/// At most so many bytes from a place on; none at the end.
+#[must_use]
+pub fn cut(bytes: &[u8], at: u64, most: usize) -> Option<&[u8]> {
+    let rest = bytes.get(usize::try_from(at).ok()?..)?;
+    (!rest.is_empty()).then(|| &rest[..most.min(rest.len())])
+}
+
 /// A job on its way; its answer carries the same number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ticket(pub u32);

@@ -12,17 +12,21 @@
 //!
 //! At most [`MAX_SESSIONS`] files are open, each belongs to the peer that opened it and closes after [`SESSION_TIMEOUT`]
 //! of silence. A repeat of the last request (same seq) gets the last answer again. While armed no logs are read: the link is for
-//! flying. What is on disk is asked of the shell ([`super::disk`]); a request waits for it at most [`DISK_TIMEOUT`].
+//! flying. What is on disk is asked of the shell ([`super::disk`]); a request waits for it at most [`disk::TIMEOUT`].
 
+mod listing;
 mod path;
 mod payload;
+mod session;
 #[cfg(test)]
 mod tests;
 
+use self::listing::{line, listing, root};
 use self::path::Path;
 use self::payload::{DATA_LEN, Payload, Refusal, op};
-use super::disk::{DiskJob, DiskReply, FileEntry, Folder, Ticket};
-use super::metadata::{FILES, crc32};
+use self::session::{BLOCK_LEN, Session, Source};
+use super::disk::{self, Block, DiskJob, DiskReply, Folder, PUMP_PERIOD, Ticket};
+use super::metadata::crc32;
 use super::{Context, Destination, LinkId, Outbox, Peer};
 use arrayvec::ArrayVec;
 use core::time::Duration;
@@ -34,44 +38,14 @@ use vehicle::Timestamp;
 pub const MAX_SESSIONS: usize = 8;
 /// A file nobody reads is closed.
 pub const SESSION_TIMEOUT: Duration = Duration::from_secs(10);
-/// Longest wait for the disk.
-pub const DISK_TIMEOUT: Duration = Duration::from_secs(2);
 /// Largest uploaded file, bytes.
 pub const MAX_UPLOAD_LEN: u64 = 8 << 20;
 /// Most uploaded files.
 pub const MAX_UPLOADS: usize = 32;
-/// Packets of a burst that go out at once, and how often.
+/// Packets of a burst that go out at once.
 pub const BURST_PER_PUMP: usize = 4;
-/// Time between two of those.
-pub const PUMP_PERIOD: Duration = Duration::from_millis(5);
-/// Bytes read from the disk at once: packets of a burst are cut from it.
-const BLOCK_LEN: u32 = (DATA_LEN * 64) as u32;
 /// Requests that wait for the disk, and peers whose last answer is remembered.
 const MAX_WAITING: usize = 16;
-
-/// Where the bytes of an open file are.
-#[derive(Clone, Debug)]
-enum Source {
-    /// Metadata.
-    Memory(&'static [u8]),
-    /// On disk.
-    Disk(Folder, String),
-}
-
-/// An open file.
-#[derive(Debug)]
-struct Session {
-    number: u8,
-    peer: Peer,
-    source: Source,
-    len: u64,
-    is_for_writing: bool,
-    heard_at: Timestamp,
-    /// The last block that came from the disk: (offset, bytes).
-    block: (u64, Vec<u8>),
-    /// A burst under way: the request, the next byte, the next seq.
-    burst: Option<(Payload, u64, u16)>,
-}
 
 /// A request that waits for the disk.
 #[derive(Debug)]
@@ -191,7 +165,7 @@ impl FtpService {
         while let Some(at) = self
             .waiting
             .iter()
-            .position(|w| now.since(w.since) >= DISK_TIMEOUT)
+            .position(|w| now.since(w.since) >= disk::TIMEOUT)
         {
             let w = self.waiting.remove(at);
             self.nak(w.peer, &w.request, Refusal::Fail, out);
@@ -410,7 +384,7 @@ impl FtpService {
             (Wait::Read, DiskReply::Bytes(bytes)) if bytes.is_empty() => Err(Refusal::EndOfFile),
             (Wait::Read, DiskReply::Bytes(bytes)) => {
                 let session = self.session(now, peer, request.session)?;
-                session.block = (u64::from(request.offset), bytes.clone());
+                session.block = Block::new(u64::from(request.offset), bytes.clone());
                 self.read(now, peer, &request, out)
             }
             (Wait::Burst(number), DiskReply::Bytes(bytes)) => {
@@ -418,7 +392,7 @@ impl FtpService {
                 if let Some(session) = self.sessions.iter_mut().find(is_it)
                     && let Some((_, at, _)) = session.burst
                 {
-                    session.block = (at, bytes.clone());
+                    session.block = Block::new(at, bytes.clone());
                     if bytes.is_empty() {
                         // Shorter than it was: its end is here.
                         session.len = at;
@@ -430,7 +404,7 @@ impl FtpService {
                 let is_it = |s: &&mut Session| s.peer.address == peer.address && s.number == number;
                 if let Some(session) = self.sessions.iter_mut().find(is_it) {
                     session.len = session.len.max(end);
-                    session.block = (0, Vec::new());
+                    session.block = Block::default();
                 }
                 Ok(Some(u32::from(request.size).to_le_bytes().to_vec()))
             }
@@ -526,7 +500,7 @@ impl FtpService {
             len,
             is_for_writing,
             heard_at: now,
-            block: (0, Vec::new()),
+            block: Block::default(),
             burst: None,
         });
         let len = u32::try_from(len).unwrap_or(u32::MAX);
@@ -637,62 +611,6 @@ impl FtpService {
         }
         self.answered.push((peer, answer));
     }
-}
-
-impl Session {
-    /// Bytes from an offset on, at most so many; none if they must come from the disk first.
-    fn bytes(&self, at: u64, wanted: usize) -> Option<&[u8]> {
-        let (first, bytes) = match &self.source {
-            Source::Memory(bytes) => (0, *bytes),
-            Source::Disk(..) => (self.block.0, self.block.1.as_slice()),
-        };
-        let from = usize::try_from(at.checked_sub(first)?).ok()?;
-        let rest = bytes.get(from..).filter(|rest| !rest.is_empty())?;
-        Some(&rest[..wanted.min(rest.len())])
-    }
-
-    /// What to ask the disk for.
-    fn job(&self, at: u64) -> Option<DiskJob> {
-        match &self.source {
-            Source::Memory(_) => None,
-            Source::Disk(folder, name) => Some(DiskJob::Read {
-                folder: *folder,
-                name: name.clone(),
-                offset: at,
-                len: BLOCK_LEN,
-            }),
-        }
-    }
-}
-
-/// Entries of the root.
-fn root() -> Vec<String> {
-    let folders = [Folder::Logs, Folder::Upload].map(|f| format!("D{}", f.name()));
-    let files = FILES
-        .iter()
-        .map(|f| format!("F{}\t{}", f.name, f.bytes.len()));
-    folders.into_iter().chain(files).collect()
-}
-
-fn line(file: &FileEntry) -> String {
-    format!("F{}\t{}", file.name, file.len)
-}
-
-/// As many entries from `first` on as fit, each ended by NUL.
-fn listing(entries: &[String], first: u32) -> Result<Vec<u8>, Refusal> {
-    let first = usize::try_from(first).map_err(|_| Refusal::EndOfFile)?;
-    let mut data = Vec::with_capacity(DATA_LEN);
-    for entry in entries.iter().skip(first) {
-        if data.len() + entry.len() + 1 > DATA_LEN {
-            break;
-        }
-        data.extend(entry.bytes());
-        data.push(0);
-    }
-    if data.is_empty() {
-        return Err(Refusal::EndOfFile);
-    }
-    Ok(data)
 }
 
 fn send(to: Peer, answer: &Payload, out: &mut Outbox) {

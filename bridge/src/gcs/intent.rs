@@ -32,10 +32,10 @@ pub fn of(message: &Message) -> Intent {
     match access::needs(message) {
         // Who asks for control does not have it yet.
         _ if number == Some(cmd::REQUEST_OPERATOR_CONTROL) => Intent::Watch,
-        Role::Viewer if is_mode_change(message, number) => Intent::Stop,
-        Role::Viewer => Intent::Watch,
-        Role::Pilot => Intent::Fly,
-        Role::Engineer => Intent::Configure,
+        Some(Role::Viewer) if is_mode_change(message, number) => Intent::Stop,
+        Some(Role::Viewer) | None => Intent::Watch,
+        Some(Role::Pilot) => Intent::Fly,
+        Some(Role::Engineer) => Intent::Configure,
     }
 }
 

@@ -10,10 +10,9 @@
 //! One download runs at a time; another station is told that it must wait. While armed nothing is listed, sent or erased: the
 //! link is for flying. Ids are places in the list, oldest log 0, as it was when the station last asked for it.
 
-use super::disk::{DiskJob, DiskReply, FileEntry, Folder, Ticket};
+use super::disk::{self, Block, DiskJob, DiskReply, FileEntry, Folder, PUMP_PERIOD, Ticket};
 use super::{Context, Destination, LinkId, Outbox, Peer};
 use crate::autopilot::door::Severity;
-use core::time::Duration;
 use mavlink_dialect::Message;
 use mavlink_dialect::standard::{LOG_DATA_DATA, LOG_ENTRY_DATA, MavMessage};
 use vehicle::Timestamp;
@@ -22,14 +21,10 @@ use vehicle::Timestamp;
 const DATA_LEN: usize = 90;
 /// LOG_DATA that go out at once.
 pub const PER_PUMP: usize = 6;
-/// Time between two of those.
-pub const PUMP_PERIOD: Duration = Duration::from_millis(5);
 /// Bytes read from the disk at once.
 const BLOCK_LEN: u32 = (DATA_LEN * 128) as u32;
 /// Most logs that are listed; the newest.
 const MAX_LISTED: usize = 256;
-/// A disk that does not answer in this time is broken.
-const DISK_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A download under way.
 #[derive(Debug)]
@@ -40,9 +35,8 @@ struct Download {
     /// Next byte and the one after the last.
     at: u64,
     end: u64,
-    /// Bytes of the log from [`Self::block_at`] on.
-    block: Vec<u8>,
-    block_at: u64,
+    /// What of it came from the disk last.
+    block: Block,
     asked: Option<(Ticket, Timestamp)>,
 }
 
@@ -158,8 +152,7 @@ impl LogService {
         download.asked = None;
         match reply {
             DiskReply::Bytes(bytes) => {
-                download.block_at = download.at;
-                download.block.clone_from(bytes);
+                download.block = Block::new(download.at, bytes.clone());
                 if bytes.len() < BLOCK_LEN as usize {
                     // The end of the file, perhaps before where it was listed.
                     download.end = download.end.min(download.at + bytes.len() as u64);
@@ -177,7 +170,7 @@ impl LogService {
             return;
         }
         self.next_pump = now + PUMP_PERIOD;
-        if let Some(task) = self.task.take_if(|t| now.since(t.since) >= DISK_TIMEOUT) {
+        if let Some(task) = self.task.take_if(|t| now.since(t.since) >= disk::TIMEOUT) {
             out.text(Severity::Error, "Logs: the disk does not answer");
             if task.range.is_some() {
                 send(
@@ -194,7 +187,7 @@ impl LogService {
             return;
         }
         if let Some((_, since)) = d.asked {
-            if now.since(since) >= DISK_TIMEOUT {
+            if now.since(since) >= disk::TIMEOUT {
                 out.text(Severity::Error, "Logs: the disk does not answer");
                 self.download = None;
             }
@@ -209,10 +202,9 @@ impl LogService {
                 self.download = None;
                 return;
             }
-            let from = usize::try_from(d.at - d.block_at).unwrap_or(usize::MAX);
-            let rest = d.block.get(from..).unwrap_or_default();
             let left = usize::try_from(d.end - d.at).unwrap_or(usize::MAX);
-            let len = rest.len().min(left).min(DATA_LEN);
+            let piece = d.block.get(d.at, left.min(DATA_LEN)).unwrap_or_default();
+            let len = piece.len();
             // Whole messages only, as long as there is more of the log than of the block.
             if len == 0 || (len < DATA_LEN && len < left) {
                 let ticket = out.disk(DiskJob::Read {
@@ -224,7 +216,7 @@ impl LogService {
                 d.asked = Some((ticket, now));
                 return;
             }
-            send_data(d.peer, d.id, d.at, &rest[..len], out);
+            send_data(d.peer, d.id, d.at, piece, out);
             d.at += len as u64;
         }
     }
@@ -301,11 +293,9 @@ impl LogService {
         let end = log.len.min(offset.saturating_add(u64::from(count)));
         let block = match self.download.take() {
             // Pieces asked for again are usually in the block that was just sent.
-            Some(d) if d.id == id => (d.block_at, d.block),
-            _ => (0, Vec::new()),
+            Some(d) if d.id == id => d.block,
+            _ => Block::default(),
         };
-        let has_it = (block.0..block.0 + block.1.len() as u64).contains(&offset);
-        let (block_at, block) = if has_it { block } else { (offset, Vec::new()) };
         self.download = Some(Download {
             peer: from,
             id,
@@ -313,7 +303,6 @@ impl LogService {
             at: offset,
             end,
             block,
-            block_at,
             asked: None,
         });
         self.next_pump = now;
@@ -341,6 +330,7 @@ fn send_data(to: Peer, id: u16, at: u64, bytes: &[u8], out: &mut Outbox) {
 mod tests {
     use super::super::bench::{Bench, station};
     use super::*;
+    use core::time::Duration;
     use mavlink_dialect::standard::{
         LOG_ERASE_DATA, LOG_REQUEST_DATA_DATA, LOG_REQUEST_END_DATA, LOG_REQUEST_LIST_DATA,
     };

@@ -17,25 +17,28 @@
 mod document;
 mod plan;
 mod points;
+mod readers;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod wire;
 
 pub use self::document::DOCUMENT;
 pub use self::points::{FENCE_DOCUMENT, POINTS_CAPACITY, RALLY_DOCUMENT};
 
 use self::points::{PointList, Survey};
+use self::readers::Readers;
 use self::upload::{Step, Upload};
+use self::wire::{ack, ask_for, fingerprint, is_mission_message, result_of, type_of};
 use super::fence::{FenceAction, fence_of};
 use super::telemetry::PlanIds;
 use super::{Context, Destination, Document, LinkId, Outbox, Peer};
 use crate::autopilot::door::{Answer, Event, Outcome, Request, RequestId, Severity};
-use arrayvec::ArrayVec;
 use core::time::Duration;
 use mavlink_dialect::mission_item::{MissionItem, mission_result, mission_type};
 use mavlink_dialect::{Address, Message, raw, standard};
 use planner::fence::Fence;
-use planner::mission::{Plan, PlanFault, PlanRefusal};
+use planner::mission::{Plan, PlanRefusal};
 use planner::route::Router;
 use std::sync::Arc;
 use vehicle::Timestamp;
@@ -48,9 +51,6 @@ pub const CAPACITY: u16 = 512;
 const ACK_AGAIN: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(900)];
 /// Time the vehicle has to take a plan.
 const COMMIT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Stations whose download is remembered, and how long.
-const MAX_READERS: usize = 8;
-const READER_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A plan as it came.
 #[derive(Debug, Default)]
@@ -106,14 +106,6 @@ struct Farewell {
     repeats: usize,
 }
 
-/// A station that is reading, and the list it was told of: a plan that changes meanwhile must not mix with it.
-#[derive(Debug)]
-struct Reader {
-    address: Address,
-    list: Arc<Stored>,
-    heard_at: Timestamp,
-}
-
 /// The mission service. After each call the outbox holds what follows from it.
 #[derive(Debug)]
 pub struct MissionService {
@@ -121,7 +113,7 @@ pub struct MissionService {
     stored: Arc<Stored>,
     change: Change,
     farewell: Option<Farewell>,
-    readers: ArrayVec<Reader, MAX_READERS>,
+    readers: Readers,
     /// MISSION_SET_CURRENT under way: a refusal becomes a text.
     set_current: Option<RequestId>,
     fence: PointList,
@@ -137,7 +129,7 @@ impl MissionService {
             stored: Arc::default(),
             change: Change::None,
             farewell: None,
-            readers: ArrayVec::new(),
+            readers: Readers::default(),
             set_current: None,
             fence: PointList::new(mission_type::FENCE),
             rally: PointList::new(mission_type::RALLY),
@@ -346,8 +338,7 @@ impl MissionService {
             ack(f.client, f.result, mission_type::MISSION, f.id, out);
             f.repeats += 1;
         }
-        self.readers
-            .retain(|r| now.since(r.heard_at) < READER_TIMEOUT);
+        self.readers.tick(now);
         self.fence.tick(now, out);
         self.rally.tick(now, out);
     }
@@ -632,15 +623,7 @@ impl MissionService {
     fn list(&mut self, now: Timestamp, from: Peer, mission_type: u8, out: &mut Outbox) {
         let (count, id) = match mission_type {
             mission_type::MISSION => {
-                self.readers.retain(|r| r.address != from.address);
-                if self.readers.is_full() {
-                    self.readers.remove(0);
-                }
-                self.readers.push(Reader {
-                    address: from.address,
-                    list: Arc::clone(&self.stored),
-                    heard_at: now,
-                });
+                self.readers.begin(now, from.address, &self.stored);
                 (self.stored.count(), self.stored.id)
             }
             _ => return ack(from, mission_result::UNSUPPORTED, mission_type, 0, out),
@@ -665,18 +648,11 @@ impl MissionService {
         mission_type: u8,
         out: &mut Outbox,
     ) -> Option<MissionItem> {
-        let mut item = None;
-        if mission_type == mission_type::MISSION {
-            let reader = self.readers.iter_mut().find(|r| r.address == from.address);
-            let list = match reader {
-                Some(reader) => {
-                    reader.heard_at = now;
-                    &reader.list
-                }
-                None => &self.stored,
-            };
-            item = list.items.get(usize::from(seq)).copied();
-        }
+        let item = if mission_type == mission_type::MISSION {
+            self.readers.item(now, from.address, seq, &self.stored)
+        } else {
+            None
+        };
         if item.is_none() {
             ack(from, mission_result::INVALID_SEQUENCE, mission_type, 0, out);
         }
@@ -690,86 +666,4 @@ impl MissionService {
             Change::Committing(commit) => commit.client.is_some_and(|c| c.address != from.address),
         }
     }
-}
-
-const fn is_mission_message(m: &raw::MavMessage) -> bool {
-    use raw::MavMessage as M;
-    matches!(
-        m,
-        M::MISSION_COUNT(_)
-            | M::MISSION_REQUEST_LIST(_)
-            | M::MISSION_REQUEST_INT(_)
-            | M::MISSION_REQUEST(_)
-            | M::MISSION_CLEAR_ALL(_)
-            | M::MISSION_ACK(_)
-    )
-}
-
-/// MAV_MISSION_TYPE of a message of the mission protocol; none for any other message.
-const fn type_of(m: &raw::MavMessage) -> Option<u8> {
-    use raw::MavMessage as M;
-    Some(match m {
-        M::MISSION_COUNT(m) => m.mission_type,
-        M::MISSION_ITEM_INT(m) => m.mission_type,
-        M::MISSION_ITEM(m) => m.mission_type,
-        M::MISSION_REQUEST_LIST(m) => m.mission_type,
-        M::MISSION_REQUEST_INT(m) => m.mission_type,
-        M::MISSION_REQUEST(m) => m.mission_type,
-        M::MISSION_CLEAR_ALL(m) => m.mission_type,
-        M::MISSION_ACK(m) => m.mission_type,
-        M::MISSION_WRITE_PARTIAL_LIST(m) => m.mission_type,
-        M::MISSION_REQUEST_PARTIAL_LIST(m) => m.mission_type,
-        _ => return None,
-    })
-}
-
-fn ask_for(client: Peer, seq: u16, mission_type: u8, out: &mut Outbox) {
-    let Address { system, component } = client.address;
-    let request = raw::MISSION_REQUEST_INT_DATA {
-        seq,
-        target_system: system,
-        target_component: component,
-        mission_type,
-    };
-    out.send_raw(
-        Destination::All,
-        raw::MavMessage::MISSION_REQUEST_INT(request),
-    );
-}
-
-fn ack(client: Peer, result: u8, mission_type: u8, id: u32, out: &mut Outbox) {
-    let Address { system, component } = client.address;
-    let ack = raw::MISSION_ACK_DATA {
-        target_system: system,
-        target_component: component,
-        mavtype: result,
-        mission_type,
-        opaque_id: id,
-    };
-    out.send_raw(Destination::All, raw::MavMessage::MISSION_ACK(ack));
-}
-
-/// Code for MISSION_ACK of what the planner found.
-const fn result_of(fault: &PlanFault) -> u8 {
-    match fault {
-        PlanFault::Empty | PlanFault::Number(_) => mission_result::INVALID,
-        PlanFault::TooLong(_) => mission_result::NO_SPACE,
-        PlanFault::NoSuchItem(_) => mission_result::INVALID_PARAM1,
-        PlanFault::Height { .. } => mission_result::INVALID_PARAM7,
-        PlanFault::Place(_) => mission_result::INVALID_PARAM5_X,
-    }
-}
-
-/// FNV-1a over the items, never 0 for a plan with items: 0 says "no plan".
-fn fingerprint(items: &[MissionItem]) -> u32 {
-    if items.is_empty() {
-        return 0;
-    }
-    let hash = items
-        .iter()
-        .flat_map(MissionItem::bytes)
-        .fold(0x811C_9DC5_u32, |hash, byte| {
-            (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
-        });
-    hash.max(1)
 }

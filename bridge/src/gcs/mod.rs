@@ -173,6 +173,15 @@ pub struct Document {
     pub bytes: Vec<u8>,
 }
 
+/// Documents that an earlier run may have kept beside its parameters; the shell reads them before the start.
+pub const DOCUMENTS: [&str; 5] = [
+    mission::DOCUMENT,
+    mission::FENCE_DOCUMENT,
+    mission::RALLY_DOCUMENT,
+    signing::DOCUMENT,
+    signing::KEY_DOCUMENT,
+];
+
 /// What services produce; drained by `Ground` after each call.
 #[derive(Debug, Default)]
 pub struct Outbox {

@@ -12,7 +12,7 @@
 
 use super::{LinkId, Peer};
 use core::time::Duration;
-use mavlink_dialect::{Address, Frame, Message, raw};
+use mavlink_dialect::{Address, Message, raw};
 use vehicle::Timestamp;
 
 /// Most peers remembered; the one that was silent longest makes room.
@@ -113,31 +113,30 @@ impl Router {
     }
 
     /// Says what to do with a frame, and counts it.
-    pub fn judge(&mut self, now: Timestamp, link: LinkId, frame: &Frame) -> Verdict {
+    pub fn judge(
+        &mut self,
+        now: Timestamp,
+        from: Peer,
+        sequence: u8,
+        message: &Message,
+    ) -> Verdict {
         let is_own = |component| {
-            frame.from
+            from.address
                 == Address {
                     component,
                     ..self.us
                 }
         };
-        if frame.from == self.us || self.camera.is_some_and(is_own) {
+        if from.address == self.us || self.camera.is_some_and(is_own) {
             self.counters.echoes += 1;
             return Verdict::Echo;
         }
-        if frame.from.system == 0 {
+        if from.address.system == 0 {
             self.counters.not_for_us += 1;
             return Verdict::NotForUs;
         }
-        let has_token = self.note(
-            now,
-            Peer {
-                link,
-                address: frame.from,
-            },
-            frame,
-        );
-        let (system, component) = frame.message.target();
+        let has_token = self.note(now, from, sequence, message);
+        let (system, component) = message.target();
         let is_for_camera = component != 0
             && self.camera == Some(component)
             && (system == 0 || system == self.us.system);
@@ -194,23 +193,23 @@ impl Router {
     }
 
     /// Counts a frame of a peer; false if it has used up its rate.
-    fn note(&mut self, now: Timestamp, peer: Peer, frame: &Frame) -> bool {
+    fn note(&mut self, now: Timestamp, peer: Peer, sequence: u8, message: &Message) -> bool {
         let at = match self.peers.iter().position(|p| p.stats.peer == peer) {
             Some(at) => at,
-            None => self.add(now, peer, frame.sequence),
+            None => self.add(now, peer, sequence),
         };
         let p = &mut self.peers[at];
         // The number this frame should have had; the first one has it by definition.
-        let gap = frame.sequence.wrapping_sub(p.sequence.wrapping_add(1));
+        let gap = sequence.wrapping_sub(p.sequence.wrapping_add(1));
         if gap < MAX_GAP {
             p.stats.lost += u64::from(gap);
-            p.sequence = frame.sequence;
+            p.sequence = sequence;
         } else if gap < STEP_BACK {
-            p.sequence = frame.sequence;
+            p.sequence = sequence;
         }
         p.stats.received += 1;
         p.stats.last = now;
-        p.stats.is_ground_station |= is_ground_heartbeat(&frame.message);
+        p.stats.is_ground_station |= is_ground_heartbeat(message);
         p.tokens = (p.tokens + now.since(p.refilled).as_secs_f64() * RATE_HZ).min(BURST);
         p.refilled = now;
         if p.tokens >= 1.0 {
@@ -270,24 +269,30 @@ mod tests {
     };
     const LINK: LinkId = LinkId(7);
 
-    fn frame(from: Address, sequence: u8, target: (u8, u8)) -> Frame {
+    fn judge(
+        router: &mut Router,
+        now: Timestamp,
+        address: Address,
+        sequence: u8,
+        target: (u8, u8),
+    ) -> Verdict {
         let command = raw::COMMAND_LONG_DATA {
             target_system: target.0,
             target_component: target.1,
             ..Default::default()
         };
-        Frame {
-            from,
-            sequence,
-            is_signed: false,
-            message: raw::MavMessage::COMMAND_LONG(command).into(),
-        }
+        let message = raw::MavMessage::COMMAND_LONG(command).into();
+        let from = Peer {
+            link: LINK,
+            address,
+        };
+        router.judge(now, from, sequence, &message)
     }
 
     #[test]
     fn only_our_address_and_everybody_is_for_us() {
         let mut router = Router::new(US);
-        let mut judge = |from, target| router.judge(Timestamp::ZERO, LINK, &frame(from, 0, target));
+        let mut judge = |from, target| judge(&mut router, Timestamp::ZERO, from, 0, target);
         assert_eq!(judge(GCS, (1, 1)), Verdict::ForUs);
         assert_eq!(judge(GCS, (0, 0)), Verdict::ForUs);
         assert_eq!(judge(GCS, (1, 0)), Verdict::ForUs);
@@ -310,7 +315,7 @@ mod tests {
     fn gaps_of_the_sequence_are_losses_and_wrapping_is_none() {
         let mut router = Router::new(US);
         for sequence in [254, 255, 0, 1, 4, 4, 3, 5] {
-            router.judge(Timestamp::ZERO, LINK, &frame(GCS, sequence, (1, 1)));
+            judge(&mut router, Timestamp::ZERO, GCS, sequence, (1, 1));
         }
         let stats = router.peers().next().copied().unwrap();
         assert_eq!((stats.received, stats.lost), (8, 2));
@@ -326,13 +331,13 @@ mod tests {
         let mut passed = 0;
         for i in 0..10_000u32 {
             let now = Timestamp::from_us(u64::from(i) * 100);
-            passed +=
-                u32::from(router.judge(now, LINK, &frame(GCS, i as u8, (1, 1))) == Verdict::ForUs);
+            let verdict = judge(&mut router, now, GCS, i as u8, (1, 1));
+            passed += u32::from(verdict == Verdict::ForUs);
         }
         // One second: the burst and one second's rate.
         assert!((1_450..=1_510).contains(&passed), "{passed}");
         assert_eq!(
-            router.judge(Timestamp::from_ms(1_000), LINK, &frame(other, 0, (1, 1))),
+            judge(&mut router, Timestamp::from_ms(1_000), other, 0, (1, 1)),
             Verdict::ForUs
         );
         assert_eq!(router.counters().flooded, 10_000 - u64::from(passed));
@@ -346,11 +351,8 @@ mod tests {
                 system: (i % 200 + 2) as u8,
                 component: (i / 200) as u8,
             };
-            router.judge(
-                Timestamp::from_ms(u64::from(i)),
-                LINK,
-                &frame(from, 0, (1, 1)),
-            );
+            let now = Timestamp::from_ms(u64::from(i));
+            judge(&mut router, now, from, 0, (1, 1));
         }
         assert_eq!(router.peers().count(), MAX_PEERS);
     }

@@ -62,6 +62,22 @@ impl SensorFeed {
         self.feed = Some(feed);
     }
 
+    /// True for a sample of a sensor where no configuration names one: other vehicles' telemetry.
+    #[must_use]
+    pub const fn ignores(&self, message: &Message) -> bool {
+        self.feed.is_none()
+            && matches!(
+                message,
+                Message::Standard(
+                    MavMessage::DISTANCE_SENSOR(_)
+                        | MavMessage::OBSTACLE_DISTANCE(_)
+                        | MavMessage::OPTICAL_FLOW_RAD(_)
+                        | MavMessage::VISION_POSITION_ESTIMATE(_)
+                        | MavMessage::ODOMETRY(_)
+                )
+            )
+    }
+
     /// Takes a message.
     pub fn handle(&mut self, now: Timestamp, from: Peer, message: &Message, out: &mut Outbox) {
         let Some(feed) = &self.feed else { return };

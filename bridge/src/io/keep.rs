@@ -2,8 +2,10 @@
 
 use crate::gcs::Document;
 use crate::gcs::disk::{DiskJob, DiskReply, Folder};
+use crate::gcs::signing::KEY_DOCUMENT;
 use std::fs::{self, File};
 use std::io::{self, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 /// A folder of documents, or nowhere.
@@ -39,7 +41,12 @@ impl Keep {
         };
         let path = folder.join(document.name);
         let fresh = folder.join(format!("{}.new", document.name));
-        let mut file = File::create(&fresh)?;
+        let mut options = File::options();
+        options.write(true).create(true).truncate(true);
+        if document.name == KEY_DOCUMENT {
+            options.mode(0o600);
+        }
+        let mut file = options.open(&fresh)?;
         file.write_all(&document.bytes)?;
         file.sync_all()?;
         fs::rename(&fresh, &path)?;

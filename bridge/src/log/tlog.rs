@@ -61,9 +61,9 @@ impl TlogEncoder {
         out: &mut Vec<u8>,
     ) {
         let mut decoder = self.decoders.remove(&link).unwrap_or_default();
-        decoder.push_wire(bytes, |_, wire| self.write(utc_us, wire, out));
+        decoder.push_views(bytes, |frame| self.write(utc_us, frame.wire, out));
         if is_datagram {
-            decoder.end_of_datagram_wire(|_, wire| self.write(utc_us, wire, out));
+            decoder.end_of_datagram_views(|frame| self.write(utc_us, frame.wire, out));
         }
         self.decoders.insert(link, decoder);
     }

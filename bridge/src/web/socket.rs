@@ -21,7 +21,7 @@ use axum::extract::ws::{CloseFrame, Message as Ws, WebSocket, WebSocketUpgrade};
 use axum::http::StatusCode;
 use axum::response::Response;
 use mavlink_dialect::command::cmd;
-use mavlink_dialect::{Address, Decoder, Encoder, Frame, FrameBytes, Message, raw};
+use mavlink_dialect::{Address, Decoder, Encoder, Frame, FrameBytes, FrameView, Message, raw};
 use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
@@ -306,8 +306,11 @@ impl Page {
         };
         let mut taken: Vec<(Frame, Vec<u8>)> = Vec::new();
         let mut decoder = std::mem::take(&mut self.decoder);
-        decoder.push_wire(frames, |frame, wire| taken.push((frame, wire.to_vec())));
-        decoder.end_of_datagram_wire(|frame, wire| taken.push((frame, wire.to_vec())));
+        let mut keep = |view: &FrameView<'_>, message: &Message| {
+            taken.push((view.frame(message.clone()), view.wire.to_vec()));
+        };
+        decoder.push_wire(frames, &mut keep);
+        decoder.end_of_datagram_wire(&mut keep);
         self.decoder = decoder;
         let mut passed = Vec::with_capacity(frames.len());
         let mut verdict = match fault {

@@ -8,7 +8,7 @@ use bridge::io::endpoint::{Endpoint, EndpointError, split_options};
 use bridge::io::net::{LinkEvent, Links, Wanted};
 use mavlink_dialect::command::result;
 use mavlink_dialect::signing::{SigningKey, SigningState};
-use mavlink_dialect::{Address, Decoder, Encoder, Frame, Message, raw};
+use mavlink_dialect::{Address, Decoder, Encoder, Frame, FrameView, Message, raw};
 use std::collections::VecDeque;
 use std::time::Duration;
 use vehicle::Timestamp;
@@ -152,12 +152,12 @@ impl Client {
                 self.link = Some(link);
                 let (frames, key, signing) = (&mut self.frames, &self.key, &mut self.signing);
                 signing.set_utc(clock::utc_us());
-                let mut keep = |frame: Frame, wire: &[u8]| {
+                let mut keep = |view: &FrameView<'_>, message: &Message| {
                     let is_good = key
                         .as_ref()
-                        .is_none_or(|key| signing.check(key, frame.from, wire).is_ok());
+                        .is_none_or(|key| signing.check(key, view.from, view.wire).is_ok());
                     if is_good {
-                        frames.push_back(frame);
+                        frames.push_back(view.frame(message.clone()));
                     }
                 };
                 self.decoder.push_wire(&bytes, &mut keep);

@@ -1,14 +1,16 @@
 //! `mav mission`: up, down, show.
 
+use super::super::Usage;
 use super::File;
 use super::client::{Client, Silent};
 use super::console::print;
-use super::plan_file::Plan;
 use anyhow::{Context as _, Result, bail};
+use bridge::gcs::plan_file::PlanFile;
 use clap::Subcommand;
 use mavlink_dialect::Message;
-use mavlink_dialect::mission_item::{MissionItem, mission_result, mission_type};
+use mavlink_dialect::mission_item::{Frame, MissionItem, mission_result, mission_type};
 use mavlink_dialect::raw::{self, MavMessage as Raw};
+use std::path::Path;
 use std::time::Duration;
 
 #[derive(Debug, Subcommand)]
@@ -32,7 +34,7 @@ pub(super) enum What {
 
 pub(super) fn show(what: &What) -> Result<()> {
     match what {
-        What::Show { file } => print(&Plan::read(file)?.to_text()),
+        What::Show { file } => print(&to_text(&read(file)?)),
         What::Up { .. } | What::Down { .. } => Ok(()),
     }
 }
@@ -40,7 +42,7 @@ pub(super) fn show(what: &What) -> Result<()> {
 pub(super) fn run(client: &mut Client, what: &What) -> Result<()> {
     match what {
         What::Up { file } => {
-            let plan = Plan::read(file)?;
+            let plan = read(file)?;
             // A file without a fence leaves the vehicle's fence as it is.
             for (kind, name, items) in [
                 (mission_type::FENCE, "fence", &plan.fence),
@@ -59,19 +61,59 @@ pub(super) fn run(client: &mut Client, what: &What) -> Result<()> {
             ))
         }
         What::Down { file } => {
-            let plan = Plan {
+            let plan = PlanFile {
                 mission: download(client, mission_type::MISSION, "mission")?,
                 fence: download(client, mission_type::FENCE, "fence")?,
                 rally: download(client, mission_type::RALLY, "rally points")?,
+                ..PlanFile::default()
             };
             match file {
-                None => print(&plan.to_text()),
+                None => print(&to_text(&plan)),
                 Some(file) => std::fs::write(file, plan.to_json())
                     .with_context(|| format!("cannot write {}", file.display())),
             }
         }
         What::Show { .. } => Ok(()),
     }
+}
+
+fn read(path: &Path) -> Result<PlanFile> {
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    PlanFile::parse(&text).map_err(|why| Usage(format!("{}: {why}", path.display())).into())
+}
+
+/// One line an item.
+fn to_text(plan: &PlanFile) -> String {
+    let mut out = String::new();
+    for (name, list) in [
+        ("mission", &plan.mission),
+        ("fence", &plan.fence),
+        ("rally points", &plan.rally),
+    ] {
+        out.push_str(&format!("{name}: {} items\n", list.len()));
+        for i in list {
+            let command = mavlink_dialect::command::name(i.command)
+                .map_or_else(|| i.command.to_string(), str::to_owned);
+            let params: Vec<String> = i.params.iter().map(ToString::to_string).collect();
+            let scale = match Frame::from_wire(i.frame) {
+                Some(Frame::Local) => 1e-4,
+                _ => 1e-7,
+            };
+            let [x, y] = [i.x, i.y].map(|v| match v {
+                i32::MAX => "-".to_owned(),
+                v => format!("{:.7}", f64::from(v) * scale),
+            });
+            out.push_str(&format!(
+                "{:>4}  {command:<24} frame {:<2} {x}, {y}, {}  ({})\n",
+                i.seq,
+                i.frame,
+                i.z,
+                params.join(", ")
+            ));
+        }
+    }
+    out
 }
 
 /// The vehicle asks for each item; silence for this long is the end.

@@ -6,7 +6,6 @@ mod flight;
 mod logs;
 mod mission;
 mod parameters;
-mod plan_file;
 
 use self::client::{Client, Silent};
 use super::term::complain;

@@ -1,5 +1,7 @@
 use super::super::bench::{Bench, station};
+use super::super::disk::FileEntry;
 use super::super::disk::is_plain_name;
+use super::super::metadata::FILES;
 use super::*;
 use proptest::prelude::*;
 use std::collections::BTreeMap;

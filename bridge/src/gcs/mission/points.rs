@@ -8,15 +8,14 @@
 //! A list is stored when it is complete; until then, and if anything fails, the old one stays. What the fence does is in
 //! `gcs/fence.rs`; Return flies to home or to a rally point, whichever way is shorter.
 
+use super::readers::Readers;
 use super::upload::{Step, Upload};
-use super::{
-    ACK_AGAIN, Farewell, MAX_READERS, READER_TIMEOUT, Reader, Stored, ack, ask_for, document,
-};
+use super::wire::{ack, ask_for};
+use super::{ACK_AGAIN, Farewell, Stored, document};
 use crate::autopilot::door::Severity;
 use crate::gcs::fence::{self, FENCE_CIRCLES, FENCE_VERTICES};
 use crate::gcs::place::Place;
 use crate::gcs::{Context, Destination, Document, Outbox, Peer};
-use arrayvec::ArrayVec;
 use mavlink_dialect::Address;
 use mavlink_dialect::mission_item::{
     Frame, ItemFault, MissionItem, Point, mission_result, mission_type,
@@ -52,7 +51,7 @@ pub(super) struct PointList {
     stored: Arc<Stored>,
     upload: Option<Upload>,
     farewell: Option<Farewell>,
-    readers: ArrayVec<Reader, MAX_READERS>,
+    readers: Readers,
 }
 
 impl PointList {
@@ -63,7 +62,7 @@ impl PointList {
             stored: Arc::default(),
             upload: None,
             farewell: None,
-            readers: ArrayVec::new(),
+            readers: Readers::default(),
         }
     }
 
@@ -185,8 +184,7 @@ impl PointList {
             ack(f.client, f.result, self.kind, f.id, out);
             f.repeats += 1;
         }
-        self.readers
-            .retain(|r| now.since(r.heard_at) < READER_TIMEOUT);
+        self.readers.tick(now);
     }
 
     /// Forgets every item.
@@ -354,15 +352,7 @@ impl PointList {
     }
 
     fn list(&mut self, now: Timestamp, from: Peer, out: &mut Outbox) {
-        self.readers.retain(|r| r.address != from.address);
-        if self.readers.is_full() {
-            self.readers.remove(0);
-        }
-        self.readers.push(Reader {
-            address: from.address,
-            list: Arc::clone(&self.stored),
-            heard_at: now,
-        });
+        self.readers.begin(now, from.address, &self.stored);
         let Address { system, component } = from.address;
         let reply = raw::MISSION_COUNT_DATA {
             count: self.stored.count(),
@@ -381,15 +371,7 @@ impl PointList {
         seq: u16,
         out: &mut Outbox,
     ) -> Option<MissionItem> {
-        let reader = self.readers.iter_mut().find(|r| r.address == from.address);
-        let list = match reader {
-            Some(reader) => {
-                reader.heard_at = now;
-                &reader.list
-            }
-            None => &self.stored,
-        };
-        let item = list.items.get(usize::from(seq)).copied();
+        let item = self.readers.item(now, from.address, seq, &self.stored);
         if item.is_none() {
             ack(from, mission_result::INVALID_SEQUENCE, self.kind, 0, out);
         }

@@ -270,7 +270,7 @@ fn a_signed_link_hears_only_who_knows_its_key_and_signs_what_it_says() {
     assert!(bench.on(signed).count() > 5);
     assert!(bench.on(open).all(|f| !f.is_signed));
     assert!(bench.documents.iter().any(|d| d.name == signing::DOCUMENT));
-    // Keys are not set over the air.
+    // SETUP_SIGNING gives a key to links without one of their own.
     let setup: Message = Std::SETUP_SIGNING(standard::SETUP_SIGNING_DATA {
         target_system: 1,
         target_component: 1,
