@@ -32,6 +32,8 @@ enum Command {
     Fly(cmd::fly::FlyArgs),
     /// A simulated vehicle without a brain: fly it with `kestrel fly` as the real thing.
     Rehearse(cmd::rehearse::RehearseArgs),
+    /// Check this computer and the flight controller, and say what to do.
+    Doctor(cmd::doctor::DoctorArgs),
     /// Look at a flight controller on the bench, make it fit to fly by MSP.
     Fc(cmd::fc::FcArgs),
     /// Turn the motors of a craft without flight controller by hand, on the bench.
@@ -47,7 +49,9 @@ enum Command {
     Mav(cmd::mav::MavArgs),
     /// Make and show keys of signed MAVLink links.
     Keys(cmd::keys::KeysArgs),
-    /// Make, change and list users of the console.
+    /// A console off the drone, for several vehicles and their users.
+    Console(cmd::console::ConsoleArgs),
+    /// Make, change and list users of the console, and keys for consoles off the drone.
     Passwd(cmd::passwd::PasswdArgs),
     /// Show, check and import floor plans.
     Map(cmd::map::MapArgs),
@@ -63,8 +67,13 @@ enum Command {
     Eval(cmd::eval::EvalArgs),
     /// Look at flight logs: what they hold, pictures, tables.
     Log(cmd::log::LogArgs),
+    /// Fly a campaign of faults in simulated rooms, judged by the truth.
+    Experiment(cmd::experiment::ExperimentArgs),
     /// Fly a recorded flight again, compare, or with other parameters.
     Replay(cmd::replay::ReplayArgs),
+    /// The camera's picture: for players, and a recording to try things with.
+    #[cfg(feature = "video")]
+    Video(cmd::video::VideoArgs),
 }
 
 fn main() -> ExitCode {
@@ -77,11 +86,13 @@ fn main() -> ExitCode {
         Command::Demo(args) => cmd::demo::run(args),
         Command::Fly(args) => cmd::fly::run(args),
         Command::Rehearse(args) => cmd::rehearse::run(&args),
+        Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Fc(args) => cmd::fc::run(args),
         Command::Motors(args) => cmd::motors::run(&args),
         Command::Msp(args) => cmd::msp::run(&args),
         Command::Mav(args) => cmd::mav::run(&args),
         Command::Keys(args) => cmd::keys::run(&args),
+        Command::Console(args) => cmd::console::run(args),
         Command::Passwd(args) => cmd::passwd::run(&args),
         Command::Map(args) => cmd::map::run(args),
         Command::Plan(args) => cmd::plan::run(&args),
@@ -90,7 +101,10 @@ fn main() -> ExitCode {
         Command::Tune(args) => cmd::tune::run(&args),
         Command::Eval(args) => cmd::eval::run(args),
         Command::Log(args) => cmd::log::run(args),
+        Command::Experiment(args) => cmd::experiment::run(&args),
         Command::Replay(args) => cmd::replay::run(args),
+        #[cfg(feature = "video")]
+        Command::Video(args) => cmd::video::run(&args),
     };
     match result {
         Ok(code) => code,

@@ -38,6 +38,9 @@ pub struct UquadConfig {
     pub first_speeds_radps: f64,
     /// Speeds that are commanded, rad/s.
     pub speed_range_radps: (f64, f64),
+    /// Where a motor would leave that range the differences between the motors give way
+    /// ([`within`](control::state_feedback::within)); else each is cut off by itself, as uQuad's program does.
+    pub keeps_lift: bool,
     /// Steps of the filter for each action of the law; speeds stand in between.
     pub steps_per_action: u32,
     /// When the loop begins.
@@ -72,6 +75,7 @@ impl UquadConfig {
             hover_radps: hover,
             first_speeds_radps: hover,
             speed_range_radps: speed_range(hover),
+            keeps_lift: false,
             steps_per_action: 1,
             start: Start::Calibrated,
         }
@@ -93,6 +97,7 @@ impl UquadConfig {
             hover_radps: 334.28,
             first_speeds_radps: 50.0,
             speed_range_radps: (0.0, 1000.0),
+            keeps_lift: false,
             steps_per_action: 1,
             start: Start::AtFrame {
                 frame: 200,
@@ -190,6 +195,7 @@ pub struct Uquad {
     law: StateFeedback,
     setpoint: StateSetpoint,
     speed_range_radps: (f64, f64),
+    keeps_lift: bool,
     speeds_radps: [f64; 4],
     asked_radps: [f64; 4],
     period: SamplingPeriod,
@@ -246,6 +252,7 @@ impl Uquad {
                 speeds_radps: [config.hover_radps; 4],
             },
             speed_range_radps: config.speed_range_radps,
+            keeps_lift: config.keeps_lift,
             speeds_radps: [config.first_speeds_radps; 4],
             asked_radps: [config.first_speeds_radps; 4],
             period: SamplingPeriod::default(),
@@ -323,10 +330,14 @@ impl Uquad {
         let (steps, time_s) = self.since_action;
         self.since_action = (steps + 1, time_s + judged.used_s);
         if steps + 1 >= self.steps_per_action {
-            let (slowest, fastest) = self.speed_range_radps;
-            let (dt_s, state) = (self.since_action.1, self.filter.twelve());
-            self.asked_radps = self.law.act(&self.setpoint, &state, dt_s);
-            self.speeds_radps = self.asked_radps.map(|w| w.clamp(slowest, fastest));
+            let (state, dt_s) = (self.filter.twelve(), self.since_action.1);
+            let range = self.speed_range_radps;
+            (self.asked_radps, self.speeds_radps) = if self.keeps_lift {
+                self.law.act_within(&self.setpoint, &state, dt_s, range)
+            } else {
+                let asked = self.law.act(&self.setpoint, &state, dt_s);
+                (asked, asked.map(|w| w.clamp(range.0, range.1)))
+            };
             self.since_action = (0, 0.0);
         }
         Some(Step {

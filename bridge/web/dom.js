@@ -51,6 +51,7 @@ const ICONS = {
   sliders: 'M5 4v9M5 17v3M12 4v3M12 11v9M19 4v11M19 19v1M3 15h4M10 9h4M17 17h4',
   list: 'M8 6h12M8 12h12M8 18h12M4 6h.01M4 12h.01M4 18h.01',
   wing: 'M3 6c6 0 9 2 9 6 0-4 3-6 9-6-1 5-4 8-9 8S4 11 3 6zM12 14v5M9 19h6',
+  record: 'M12 5a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM12 9a3 3 0 1 0 0 6 3 3 0 0 0 0-6z',
   camera: 'M3 7h11v10H3zM14 11l7-4v10l-7-4z',
 };
 

@@ -2,6 +2,7 @@
 
 import { h, icon, num, put, toggle } from './dom.js';
 import { sticksCard } from './sticks.js';
+import { videoCard } from './video.js';
 import { t } from './words.js';
 
 const MANUAL = ['Position', 'Altitude', 'Stabilized'];
@@ -42,7 +43,7 @@ export function flyPane(app) {
     land: action('land', 'down', () => ask(app, t('land'), station.land()), 'L'),
     return: action('return', 'home', () => ask(app, t('return'), station.returnHome()), 'R'),
     hold: action('hold', 'hold', () => ask(app, t('hold'), station.setMode('Hold')), 'H'),
-    patrol: action('patrol', 'route', () => ask(app, t('patrol'), vehicle.state?.mission === 3 ? station.setMode('Mission') : station.startMission()), 'P'),
+    patrol: action('patrol', 'route', () => ask(app, t('patrol'), vehicle.state?.mission === 2 ? station.setMode('Hold') : vehicle.state?.mission === 3 ? station.setMode('Mission') : station.startMission()), 'P'),
     sticks: action('sticks', 'pad', () => app.sticks?.toggle(), 'G'),
   };
   const modes = h('div.segments', { role: 'group', 'aria-label': t('manual') }, MANUAL.map((m) => h('button', { 'data-mode': m, title: t(`d_${m}`), onclick: () => ask(app, t(`m_${m}`), station.setMode(m)) }, t(`m_${m}`))));
@@ -58,12 +59,13 @@ export function flyPane(app) {
   const fact = (key) => { facts[key] = [h('dt', t(key)), h('dd')]; return facts[key]; };
   const health = h('dl.facts', ['localization', 'rangers', 'fc', 'loop', 'link', 'battery'].map(fact));
 
+  const camera = videoCard(app);
   const pane = h('div.pane', { role: 'tabpanel' },
     h('section.card', h('div.row', owner, control), asking),
     h('section.card.stack', h('div', slide.el, disarm), h('div.grid3', Object.values(actions)), modes, switches),
     h('section.card.full.hidden', { 'data-card': 'sticks' }),
-    h('section.card', h('h2', icon('eye', 15), t('health')), health),
-    h('section.card', h('h2', icon('camera', 15), t('video')), h('div.camera', h('b', t('no_video')), h('small', t('no_video_why')))));
+    camera.el,
+    h('section.card', h('h2', icon('eye', 15), t('health')), health));
   const pad = sticksCard(app, pane.querySelector('[data-card=sticks]'));
 
   const set = (key, level, text) => {
@@ -75,6 +77,7 @@ export function flyPane(app) {
 
   function update() {
     pad.update();
+    camera.update();
     const s = vehicle.state;
     const c = vehicle.control;
     const who = c?.owner;
@@ -123,7 +126,7 @@ export function flyPane(app) {
     set('link', !app.link.isOpen ? 'bad' : ms > 150 ? 'warn' : 'good', `${num(ms, 0)} ms · ${num(app.rate, 0)} kB/s`);
     set('battery', s.battery < 0.15 ? 'bad' : s.battery < 0.3 ? 'warn' : 'good', `${num(s.volts, 1)} V · ${num(s.amps, 1)} A · ${num(s.battery * 100, 0)} %`);
   }
-  return { el: pane, update, actions, draw: pad.draw };
+  return { el: pane, update, actions, draw: pad.draw, show: camera.show, hide: camera.hide };
 }
 
 /** A knob that must be pulled all the way; by keys: three times right. */

@@ -1,6 +1,7 @@
 // The socket: envelopes out, telemetry and frames in, a new try when it is lost. Nothing is kept to be sent later.
 
 import { decode, Encoder } from './mavlink.js';
+import { below } from './login.js';
 import { ACK, acknowledgement, MAVLINK, take } from './telemetry.js';
 
 const RETRY = [300, 600, 1200, 2500, 4000];
@@ -21,7 +22,7 @@ export class Link extends EventTarget {
   }
 
   open() {
-    const socket = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}/api/socket`);
+    const socket = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}${below('/api/socket')}`);
     socket.binaryType = 'arraybuffer';
     this.socket = socket;
     socket.onmessage = (e) => this.#take(e.data);

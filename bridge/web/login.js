@@ -3,6 +3,14 @@
 import { h, put } from './dom.js';
 import { t } from './words.js';
 
+let vehicle = '';
+
+/** Off the drone: the vehicle that everything about a vehicle is asked of from now on. */
+export function choose(name) { vehicle = name; }
+
+/** The path of what is about the vehicle: its own console's, or the one of several. */
+export const below = (path) => (vehicle ? `/api/vehicles/${encodeURIComponent(vehicle)}/${path.replace(/^\/(api\/)?/, '')}` : path);
+
 export async function post(path, body = {}) {
   const answer = await fetch(path, { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(body) });
   const said = await answer.json().catch(() => ({}));

@@ -4,7 +4,7 @@ import { h, icon, num, put, toggle } from './dom.js';
 import { ask, flyPane } from './fly.js';
 import { hud } from './hud.js';
 import { Link } from './link.js';
-import { get, post, session } from './login.js';
+import { below, choose, get, post, session } from './login.js';
 import { PlanView } from './plan.js';
 import { timeBar } from './recorder.js';
 import { Station } from './station.js';
@@ -28,6 +28,12 @@ start();
 
 async function start(why = '') {
   const who = await session(root, why);
+  if (who.vehicles) {
+    // Off the drone: one vehicle at a time.
+    const { hangar } = await import('./hangar.js');
+    who.vehicle = { name: await hangar(root, who, () => start(t('over'))) };
+    choose(who.vehicle.name);
+  }
   const app = { session: who, role: who.role, vehicle: {}, modes: [], reasons: [], texts: [], rate: 0 };
   app.link = new Link(app.vehicle);
   app.station = new Station(app.link);
@@ -35,7 +41,7 @@ async function start(why = '') {
   build(app);
   app.link.open();
   try {
-    app.plan = await get('/api/plan');
+    app.plan = await get(below('/api/plan'));
     app.view.setPlan(app.plan);
   } catch (e) { app.tell('bad', e.message); }
 }
@@ -61,6 +67,7 @@ function build(app) {
   const logout = tool('cross', `${t('logout')} (${app.session.user})`, async () => { await post('/api/logout').catch(() => {}); link.close(); location.reload(); });
   const top = h('header.top',
     h('div.brand', h('img', { src: '/icon.svg', alt: '' }), h('span', 'Kestrel'), h('span', app.session.vehicle.name)),
+    app.session.vehicles ? tool('layers', t('vehicles'), () => { location.hash = ''; location.reload(); }) : null,
     status, h('span.spread'), batteryGauge, linkGauge, language, theme, logout);
 
   // ---- map

@@ -1,12 +1,12 @@
 // Parameters: all of them, with search, range, unit and words.
 
 import { h, num, put, toggle } from './dom.js';
-import { get } from './login.js';
+import { below, get } from './login.js';
 import { t } from './words.js';
 
 export async function paramsPane(app) {
   const { station } = app;
-  const about = await get('/api/parameters').catch(() => []);
+  const about = await get(below('/api/parameters')).catch(() => []);
   const may = app.isAtLeast('engineer');
   const search = h('input.input', { type: 'search', placeholder: t('search'), 'aria-label': t('search'), oninput: () => filter() });
   const progress = h('span.faint');

@@ -14,7 +14,7 @@ export function peoplePane(app) {
   const form = h('form', { onsubmit: add, style: { display: 'grid', gap: '10px' } }, h('label.field', t('name'), name), h('label.field', t('new_password'), password), h('label.field', t('role'), role), h('button.button.primary', icon('plus', 16), t('add_user')));
   const el = h('div.pane', { role: 'tabpanel' }, h('section.card', h('h2', icon('user', 15), t('people')), list), h('section.card', form));
 
-  const attempt = async (job) => { try { await job(); await load(); } catch (e) { app.tell('bad', e.message); } };
+  const attempt = async (job) => { try { await job(); await load(); app.onPeople?.(); } catch (e) { app.tell('bad', e.message); } };
   function add(e) {
     e.preventDefault();
     attempt(async () => { await post('/api/users', { name: name.value, password: password.value, role: role.value }); form.reset(); });

@@ -170,16 +170,18 @@ export function timeBar(app) {
     const [chosen] = file.files;
     file.value = '';
     if (!chosen) return;
-    try {
-      const recording = await Recording.open(chosen);
-      goLive();
-      shown = recording;
-      livePath.path = view.path;
-      if (recording.about.plan) { livePath.plan = view.plan; view.plan = recording.about.plan; view.base = null; }
-      seek(recording.from);
-      playing = true;
-      draw();
-    } catch (e) { app.tell('bad', e.message); }
+    try { await openFile(chosen); } catch (e) { app.tell('bad', e.message); }
+  }
+
+  async function openFile(chosen) {
+    const recording = await Recording.open(chosen);
+    goLive();
+    shown = recording;
+    livePath.path = view.path;
+    if (recording.about.plan) { livePath.plan = view.plan; view.plan = recording.about.plan; view.base = null; }
+    seek(recording.from);
+    playing = true;
+    draw();
   }
 
   function draw() {
@@ -205,6 +207,8 @@ export function timeBar(app) {
       last = now;
     },
     recording: () => live,
+    shown: () => shown,
+    open: openFile,
     seek,
     goLive,
   };

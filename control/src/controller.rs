@@ -1,28 +1,24 @@
 //! One control step: set point and state in, sticks out.
 
-use crate::altitude::{AltitudeLoop, Vertical};
+mod family;
+mod horizontal;
+mod trusted;
+mod vertical;
+
+use crate::altitude::AltitudeLoop;
 use crate::heading::HeadingLoop;
 use crate::outer_lqr::OuterLqr;
-use crate::params::{ControlParams, Variant};
-use crate::position::{PositionLoop, accel_of_tilt, tilt_of_accel, xy};
-use crate::snsi::law::{Seen, SnsiLaw};
+use crate::params::ControlParams;
+use crate::position::PositionLoop;
+use crate::snsi::law::SnsiLaw;
 use crate::stick_curve::StickCurve;
-use crate::takeoff_land::{FloorView, SpoolUp, Touchdown};
+use crate::takeoff_land::{SpoolUp, Touchdown};
 use crate::thrust::HoverThrust;
-use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
-use vehicle::airframe::GRAVITY_MPS2;
-use vehicle::setpoint::Lift;
+use trusted::{Trusted, finite_or_zero, floor_view};
 use vehicle::{Airframe, Heading, In, NavState, Ned, Setpoint, Sticks, Timestamp};
+use vertical::LiftDemand;
 
-/// Sinking speed when no height is known, m/s.
-const BLIND_DESCENT_MPS: f64 = 0.4;
-/// How long a climb rate integrated from the accelerometer alone is believed, s.
-const BLIND_CLIMB_TAU_S: f64 = 2.0;
-/// Lift allowed while descending blind, weights: close to hover whatever the estimate says.
-const BLIND_LIFT: (f64, f64) = (0.88, 1.06);
-/// A pilot's throttle that holds the climb below this is taken for a hover throttle at hand-over, m/s.
-const STEADY_CLIMB_MPS: f64 = 0.15;
 /// Steps longer than this are taken as this: after a stall the loops continue, they do not leap.
 const DT_MAX_S: f64 = 0.1;
 const DT_MIN_S: f64 = 1e-4;
@@ -196,16 +192,8 @@ impl Controller {
         self.position.reset(nav);
         self.altitude.reset(-nav.velocity.z(), 0.0);
         self.heading.reset(nav.yaw_rad());
-        self.start_outer(nav);
-    }
-
-    /// The LQR continues the acceleration that is flown.
-    fn start_outer(&mut self, nav: &NavState) {
-        let (roll, pitch, yaw) = nav.attitude.roll_pitch_yaw();
-        let accel = accel_of_tilt(roll, pitch, yaw);
+        self.start_outer_level();
         if let Some(outer) = &mut self.outer {
-            outer.level[0].reset(accel.x);
-            outer.level[1].reset(accel.y);
             outer.height.reset(0.0);
         }
     }
@@ -364,67 +352,6 @@ impl Controller {
         out
     }
 
-    /// SNSI's family where it flies: set points with a height, sonar and attitude speaking.
-    fn snsi_sticks(
-        &mut self,
-        nav: &NavState,
-        trusted: &Trusted,
-        setpoint: &Setpoint,
-        horizontal: &Horizontal,
-        throttle: f64,
-    ) -> Option<Sticks> {
-        let (height, heading) = match *setpoint {
-            Setpoint::Hover { position, heading } => (Some(-position.z()), heading),
-            Setpoint::Velocity {
-                down_m, heading, ..
-            } => (down_m.map(|d| -d), heading),
-            _ => (None, Heading::Rate(0.0)),
-        };
-        let is_flown = self.params.variant == Variant::Snsi && trusted.attitude;
-        let (true, Some(height_m)) = (is_flown, height.filter(|h| h.is_finite())) else {
-            self.snsi_ran = false;
-            return None;
-        };
-        if !self.snsi_ran {
-            self.snsi.take_over(1000.0 + 1000.0 * throttle);
-            self.snsi_ran = true;
-        }
-        let turn_deg = match heading {
-            Heading::Yaw(yaw) if yaw.is_finite() => {
-                Some(vehicle::angle::shortest_turn(nav.yaw_rad(), yaw).to_degrees())
-            }
-            // A rate: what turns so much in half a second.
-            Heading::Rate(rate) if rate.is_finite() => Some((0.5 * rate).to_degrees()),
-            _ => None,
-        };
-        let (_, pitch, _) = nav.attitude.roll_pitch_yaw();
-        let most = crate::snsi::pid::MAX_INCLINATION_DEG.to_radians();
-        let wanted = (-horizontal.pitch).clamp(-most, most);
-        let us = self.snsi.cycle(&Seen {
-            height_cm: trusted.height.then_some(-100.0 * nav.position.z()),
-            target_cm: 100.0 * height_m,
-            inclination_deg: Some(-pitch.to_degrees()),
-            target_inclination_deg: wanted.to_degrees(),
-            turn_deg,
-            elevator_us: -500.0 * self.curve.stick_of_angle(-wanted),
-            roll_us: 1500.0 + 500.0 * self.curve.stick_of_angle(horizontal.roll),
-        });
-        let [throttle_us, roll_us, elevator_us, rudder_us, _] = us;
-        // A silent sonar leaves the cascade's blind descent.
-        let throttle = if trusted.height {
-            (throttle_us - 1000.0) / 1000.0
-        } else {
-            throttle
-        };
-        Some(Sticks {
-            roll: (roll_us - 1500.0) / 500.0,
-            // The elevator's plus is nose down.
-            pitch: -(elevator_us - 1500.0) / 500.0,
-            yaw: (rudder_us - 1500.0) / 500.0,
-            throttle,
-        })
-    }
-
     fn turn(&mut self, dt_s: f64, nav: &NavState, trusted: &Trusted, heading: Heading) -> f64 {
         if !self.heading_ran {
             self.heading.reset(finite_or_zero(nav.yaw_rad()));
@@ -437,235 +364,6 @@ impl Controller {
         };
         self.heading
             .step(&self.params, dt_s, nav.yaw_rad(), heading)
-    }
-
-    fn horizontal(
-        &mut self,
-        dt_s: f64,
-        nav: &NavState,
-        trusted: &Trusted,
-        setpoint: &Setpoint,
-    ) -> Horizontal {
-        let p = &self.params;
-        let tilt_max = p.tilt_max_deg.to_radians();
-        if let Setpoint::Attitude {
-            roll_rad,
-            pitch_rad,
-            ..
-        } = *setpoint
-        {
-            self.horizontal_ran = false;
-            let limit = self.params.angle_limit_deg.to_radians().min(0.6);
-            return Horizontal {
-                roll: finite_or_zero(roll_rad).clamp(-limit, limit),
-                pitch: finite_or_zero(pitch_rad).clamp(-limit, limit),
-                hold: Hold::Height,
-                ..Horizontal::default()
-            };
-        }
-        let towards = |target: In<Ned>| {
-            (trusted.position && target.x().is_finite() && target.y().is_finite())
-                .then(|| PositionLoop::velocity_towards(p, nav.position, target))
-        };
-        let (wanted, hold) = match *setpoint {
-            Setpoint::Hover { position, .. } | Setpoint::Land { position, .. } => {
-                match towards(position) {
-                    Some(v) => (v, Hold::Position),
-                    None => (Vector2::zeros(), Hold::Velocity),
-                }
-            }
-            Setpoint::Velocity { velocity, .. } if velocity.is_finite() => {
-                (xy(velocity), Hold::Velocity)
-            }
-            _ => (Vector2::zeros(), Hold::Velocity),
-        };
-        if !trusted.velocity {
-            // Nothing tells where we drift: level is the best there is.
-            self.horizontal_ran = false;
-            return Horizontal {
-                hold: Hold::Height,
-                ..Horizontal::default()
-            };
-        }
-        if !self.horizontal_ran {
-            self.position.reset(nav);
-            self.start_outer(nav);
-            self.horizontal_ran = true;
-        }
-        let mut accel = self.position.step(&self.params, dt_s, nav, wanted);
-        if self.params.variant == Variant::Lqr
-            && let Some(by_law) = self.outer_accel(dt_s, nav, setpoint, hold)
-        {
-            accel = by_law;
-        }
-        let (roll, pitch) = tilt_of_accel(accel, nav.yaw_rad(), tilt_max);
-        Horizontal {
-            roll,
-            pitch,
-            accel,
-            velocity_sp: self.position.velocity_sp(),
-            hold,
-        }
-    }
-
-    /// Acceleration by LQR, NED, m/s2, for set points that it flies.
-    fn outer_accel(
-        &mut self,
-        dt_s: f64,
-        nav: &NavState,
-        setpoint: &Setpoint,
-        hold: Hold,
-    ) -> Option<Vector2<f64>> {
-        let (Setpoint::Hover { position, .. } | Setpoint::Land { position, .. }) = *setpoint else {
-            self.start_outer(nav);
-            return None;
-        };
-        let outer = self.outer.as_mut().filter(|_| hold == Hold::Position)?;
-        let (roll, pitch, yaw) = nav.attitude.roll_pitch_yaw();
-        let flown = accel_of_tilt(roll, pitch, yaw);
-        let error = xy(nav.position) - xy(position);
-        // Far away the limited error is its share of the direction, not of each axis.
-        let error = error.cap_magnitude(crate::outer_lqr::REACH_M);
-        let velocity = xy(nav.velocity);
-        let most = self.params.acc_hor;
-        let [north, east] = &mut outer.level;
-        Some(Vector2::new(
-            north.step(dt_s, Some(error.x), velocity.x, flown.x, most),
-            east.step(dt_s, Some(error.y), velocity.y, flown.y, most),
-        ))
-    }
-
-    fn vertical(
-        &mut self,
-        dt_s: f64,
-        nav: &NavState,
-        trusted: &Trusted,
-        setpoint: &Setpoint,
-    ) -> VerticalDemand {
-        let p = &self.params;
-        let wanted = match *setpoint {
-            Setpoint::Attitude {
-                lift: Lift::Thrust(fraction),
-                ..
-            } => {
-                self.vertical_ran = false;
-                return VerticalDemand {
-                    lift: LiftDemand::Throttle(HoverThrust::throttle_of_fraction(
-                        p,
-                        finite_or_zero(fraction),
-                    )),
-                    climb_sp: 0.0,
-                    accel_up: 0.0,
-                    height_held: true,
-                };
-            }
-            Setpoint::Hover { position, .. } => Vertical::Height(-position.z()),
-            Setpoint::Velocity {
-                down_m: Some(d), ..
-            }
-            | Setpoint::Attitude {
-                lift: Lift::Height(d),
-                ..
-            } => Vertical::Height(-d),
-            Setpoint::Velocity { velocity, .. } => Vertical::Climb(-velocity.z()),
-            Setpoint::Attitude {
-                lift: Lift::Climb(v),
-                ..
-            } => Vertical::Climb(-v),
-            Setpoint::Land { descent_mps, .. } => {
-                let slow = nav.height_m < p.land_slow_m + self.airframe.landed_height_m;
-                let speed = finite_or_zero(descent_mps).clamp(0.05, p.z_vel_max_dn);
-                Vertical::Climb(if slow {
-                    -speed.min(p.land_crawl_mps)
-                } else {
-                    -speed
-                })
-            }
-            Setpoint::Idle | Setpoint::Sticks(_) => Vertical::Climb(0.0),
-        };
-        if !trusted.height {
-            self.vertical_ran = false;
-            let correction = 0.15 * (-BLIND_DESCENT_MPS - self.climb_mps);
-            return VerticalDemand {
-                lift: LiftDemand::Weights((1.0 + correction).clamp(BLIND_LIFT.0, BLIND_LIFT.1)),
-                climb_sp: -BLIND_DESCENT_MPS,
-                accel_up: 0.0,
-                height_held: false,
-            };
-        }
-        if !self.vertical_ran {
-            self.altitude.reset(self.climb_mps, self.handed_over_mps2());
-            self.vertical_ran = true;
-        }
-        let height_m = -nav.position.z();
-        let accel_up = self
-            .altitude
-            .step(p, dt_s, height_m, self.climb_mps, wanted);
-        let tilt_rad = if trusted.attitude {
-            nav.attitude.tilt()
-        } else {
-            0.0
-        };
-        if !matches!(setpoint, Setpoint::Land { .. }) {
-            self.altitude
-                .teach(p, dt_s, self.climb_mps, tilt_rad, &mut self.hover);
-        }
-        let mut accel_up = accel_up;
-        if self.params.variant == Variant::Lqr
-            && let (Vertical::Height(goal_m), Some(outer)) = (wanted, &mut self.outer)
-            && goal_m.is_finite()
-        {
-            let felt_up = -(nav.attitude * nav.accel_mps2).z() - GRAVITY_MPS2;
-            let error = height_m - goal_m;
-            let most = self.params.acc_vert;
-            accel_up = outer.height.step(
-                dt_s,
-                Some(error),
-                self.climb_mps,
-                finite_or_zero(felt_up),
-                most,
-            );
-            if self.climb_mps.abs() < STEADY_CLIMB_MPS && tilt_rad < 0.17 {
-                let share = (dt_s / self.params.hover_learn_s).min(1.0);
-                let given = outer.height.give(share);
-                self.hover
-                    .scale_weight(&self.params, 1.0 + given / GRAVITY_MPS2);
-            }
-        }
-        let weights = 1.0 + accel_up / GRAVITY_MPS2;
-        VerticalDemand {
-            lift: LiftDemand::Weights(weights / libm::cos(tilt_rad).max(0.7)),
-            climb_sp: self.altitude.climb_sp(),
-            accel_up,
-            height_held: true,
-        }
-    }
-
-    /// Lift beyond the hover throttle that the last throttle made, if it held the vehicle steady: then it is right and the
-    /// learnt hover throttle is not.
-    fn handed_over_mps2(&self) -> f64 {
-        let steady = self.climb_mps.abs() < STEADY_CLIMB_MPS;
-        if self.sticks_flew && steady {
-            let lift = self.hover.lift_of_throttle(&self.params, self.throttle);
-            (lift - 1.0) * GRAVITY_MPS2
-        } else {
-            0.0
-        }
-    }
-
-    /// The climb rate: the estimate's while it has one, afterwards integrated from the accelerometer and forgotten.
-    fn follow_climb(&mut self, dt_s: f64, nav: &NavState, trusted: &Trusted) {
-        if trusted.height {
-            self.climb_mps = -nav.velocity.z();
-        } else {
-            let accel_up = if nav.accel_mps2.is_finite() && trusted.attitude {
-                -(nav.attitude * nav.accel_mps2).z() - GRAVITY_MPS2
-            } else {
-                0.0
-            };
-            self.climb_mps += (accel_up - self.climb_mps / BLIND_CLIMB_TAU_S) * dt_s;
-            self.climb_mps = self.climb_mps.clamp(-3.0, 3.0);
-        }
     }
 
     /// From angles, rate and throttle to an output; the last place where a number could be wrong.
@@ -694,60 +392,6 @@ impl Controller {
     }
 }
 
-/// Which parts of the state are healthy and finite.
-#[derive(Clone, Copy, Debug)]
-struct Trusted {
-    attitude: bool,
-    height: bool,
-    velocity: bool,
-    position: bool,
-}
-
-impl Trusted {
-    fn of(nav: &NavState) -> Self {
-        let attitude = nav.health.attitude && nav.yaw_rad().is_finite();
-        let velocity_known = nav.velocity.x().is_finite() && nav.velocity.y().is_finite();
-        let velocity = attitude && velocity_known && (nav.health.velocity || nav.health.position);
-        Self {
-            attitude,
-            height: nav.health.height
-                && nav.position.z().is_finite()
-                && nav.velocity.z().is_finite()
-                && nav.height_m.is_finite(),
-            velocity,
-            position: velocity
-                && nav.health.position
-                && nav.position.x().is_finite()
-                && nav.position.y().is_finite(),
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Horizontal {
-    roll: f64,
-    pitch: f64,
-    accel: Vector2<f64>,
-    velocity_sp: Vector2<f64>,
-    hold: Hold,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum LiftDemand {
-    /// Multiples of the weight.
-    Weights(f64),
-    /// Throttle stick.
-    Throttle(f64),
-}
-
-#[derive(Clone, Copy, Debug)]
-struct VerticalDemand {
-    lift: LiftDemand,
-    climb_sp: f64,
-    accel_up: f64,
-    height_held: bool,
-}
-
 #[derive(Clone, Copy, Debug, Default)]
 struct Wanted {
     roll: f64,
@@ -760,22 +404,10 @@ struct Wanted {
     hold: Hold,
 }
 
-fn floor_view(nav: &NavState, trusted: &Trusted, climb_guess_mps: f64) -> FloorView {
-    FloorView {
-        climb_guess_mps,
-        height: trusted.height.then(|| (nav.height_m, -nav.velocity.z())),
-        felt_mps2: finite_or_zero(-nav.accel_mps2.z()),
-    }
-}
-
 fn mass_of(p: &ControlParams, airframe: &Airframe) -> f64 {
     if p.mass_kg > 0.0 {
         p.mass_kg
     } else {
         airframe.mass_kg
     }
-}
-
-fn finite_or_zero(v: f64) -> f64 {
-    if v.is_finite() { v } else { 0.0 }
 }

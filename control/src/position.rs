@@ -2,9 +2,10 @@
 //!
 //! Set points are shaped before they are tracked: the velocity asked for never changes faster than `MPC_ACC_HOR`, the
 //! acceleration never faster than `MPC_JERK_MAX`, so that a controller with 60 ms of dead time and 100 ms of attitude
-//! response can follow without overshoot.
+//! response can follow without overshoot. A place is approached along a curve of its own ([`crate::reference`]).
 
 use crate::params::ControlParams;
+use crate::reference::{PlaceReference, approach};
 use nalgebra::Vector2;
 use vehicle::airframe::GRAVITY_MPS2;
 use vehicle::{In, NavState, Ned};
@@ -24,6 +25,8 @@ pub struct PositionLoop {
     integral: Vector2<f64>,
     accel_lp: Vector2<f64>,
     last_velocity: Option<Vector2<f64>>,
+    /// The curve to the place that is flown to; none while a velocity is flown.
+    curve: Option<PlaceReference>,
 }
 
 impl PositionLoop {
@@ -45,28 +48,43 @@ impl PositionLoop {
             integral: Vector2::zeros(),
             accel_lp: Vector2::zeros(),
             last_velocity: None,
+            curve: None,
         };
     }
 
-    /// Velocity that leads to a position, m/s: proportional near it, along a braking curve from afar.
-    #[must_use]
-    pub fn velocity_towards(p: &ControlParams, position: In<Ned>, target: In<Ned>) -> Vector2<f64> {
-        let error = xy(target) - xy(position);
-        let distance = error.norm();
-        // Braking with half of the allowed acceleration leaves the other half for corrections.
-        let brake = 0.5 * p.acc_hor;
-        let linear_to = brake / (p.xy_p * p.xy_p);
-        let speed = if distance <= linear_to {
-            p.xy_p * distance
-        } else {
-            libm::sqrt(2.0 * brake * (distance - 0.5 * linear_to))
-        };
-        let speed = speed.min(p.xy_vel_max);
-        if distance > 1e-9 && speed.is_finite() {
-            error * (speed / distance)
-        } else {
-            Vector2::zeros()
-        }
+    /// The curve towards a place (NED, m) after this step; begun anew where the vehicle is if it flew something else before, or is
+    /// elsewhere.
+    pub fn curve_to(
+        &mut self,
+        p: &ControlParams,
+        dt_s: f64,
+        nav: &NavState,
+        target: In<Ned>,
+    ) -> PlaceReference {
+        let here = xy(nav.position);
+        let mut curve = self.curve.filter(|c| c.holds(here)).unwrap_or_else(|| {
+            let (roll, pitch, yaw) = nav.attitude.roll_pitch_yaw();
+            let accel = limited(accel_of_tilt(roll, pitch, yaw), p.acc_hor);
+            let asked = limited(self.accel_sp, p.acc_hor);
+            PlaceReference::from_motion(here, xy(nav.velocity), accel, asked)
+        });
+        curve.step(p, dt_s, xy(target));
+        self.curve = Some(curve);
+        curve
+    }
+
+    /// Acceleration that keeps to the curve of [`Self::curve_to`], NED, m/s2.
+    pub fn step_along(
+        &mut self,
+        p: &ControlParams,
+        dt_s: f64,
+        nav: &NavState,
+        curve: &PlaceReference,
+    ) -> Vector2<f64> {
+        let off = curve.place() - xy(nav.position);
+        let wanted = curve.followed_velocity() + approach(p, p.xy_p, off);
+        self.velocity_sp = limited(wanted, p.xy_vel_max);
+        self.track(p, dt_s, nav, curve.accel(), curve.followed_accel())
     }
 
     /// Acceleration that brings the velocity to `wanted`, NED, m/s2.
@@ -77,12 +95,24 @@ impl PositionLoop {
         nav: &NavState,
         wanted: Vector2<f64>,
     ) -> Vector2<f64> {
-        let velocity = xy(nav.velocity);
+        self.curve = None;
         let wanted = limited(wanted, p.xy_vel_max);
         let before = self.velocity_sp;
         self.velocity_sp += limited(wanted - before, p.acc_hor * dt_s);
         let slope = (self.velocity_sp - before) / dt_s;
+        self.track(p, dt_s, nav, slope * FEED_FORWARD, slope)
+    }
 
+    /// Velocity PID around what is fed forward; `expected` is the acceleration that should be felt now.
+    fn track(
+        &mut self,
+        p: &ControlParams,
+        dt_s: f64,
+        nav: &NavState,
+        forward: Vector2<f64>,
+        expected: Vector2<f64>,
+    ) -> Vector2<f64> {
+        let velocity = xy(nav.velocity);
         if let Some(last) = self.last_velocity {
             let k = dt_s / (dt_s + DERIVATIVE_TAU_S);
             // A corrected state estimate is not an acceleration.
@@ -92,8 +122,8 @@ impl PositionLoop {
         self.last_velocity = Some(velocity);
 
         let error = self.velocity_sp - velocity;
-        let raw = error * p.xy_vel_p + self.integral + slope * FEED_FORWARD
-            - (self.accel_lp - slope) * p.xy_vel_d;
+        let raw =
+            error * p.xy_vel_p + self.integral + forward - (self.accel_lp - expected) * p.xy_vel_d;
         let tilt_max_mps2 = GRAVITY_MPS2 * libm::tan(p.tilt_max_deg.to_radians());
         let demand = limited(raw, tilt_max_mps2.min(1.5 * p.acc_hor));
         // Clamping: while saturated the integral may only move back.
@@ -162,7 +192,7 @@ mod tests {
     #[test]
     fn far_away_the_speed_is_the_largest_and_at_the_target_it_is_zero() {
         let p = ControlParams::default();
-        let v = |d: f64| PositionLoop::velocity_towards(&p, In::zero(), In::new(d, 0.0, 0.0)).x;
+        let v = |d: f64| approach(&p, p.xy_p, Vector2::new(d, 0.0)).x;
         assert!((v(50.0) - p.xy_vel_max).abs() < 1e-9);
         assert!(v(0.0).abs() < 1e-12);
         assert!((v(0.1) - 0.1 * p.xy_p).abs() < 1e-9);

@@ -139,6 +139,49 @@ fn a_steady_half_newton_and_a_crooked_level_are_integrated_away() {
     assert!(left < 0.03, "left {left} m");
 }
 
+/// Localization wanders by some centimetres within seconds: the place loop need not follow all of that, a step is the curve's.
+#[test]
+fn a_place_that_wanders_in_the_estimate_moves_the_vehicle_less() {
+    // First-order noise, 4.5 cm, 2 s; a sum of twelve draws is normal enough.
+    const SIGMA_M: f64 = 0.045;
+    const TAU_S: f64 = 2.0;
+    let mut seed = 11_u32;
+    let mut normal = || {
+        (0..12).fold(-6.0, |sum, _| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum + f64::from(seed >> 8) / f64::from(1 << 24)
+        })
+    };
+    let mut f = Flight::of(Plant::hovering([0.0, 0.0, -1.0]));
+    let step = (-RC_PERIOD_S / TAU_S).exp();
+    let (mut wander, mut n) = ([0.0; 2], 0.0);
+    let (mut moved, mut wandered) = (0.0, 0.0);
+    for _ in 0..(600.0 / RC_PERIOD_S) as u32 {
+        wander = wander.map(|w| w * step + SIGMA_M * (1.0 - step * step).sqrt() * normal());
+        let see = |mut nav: NavState| {
+            nav.position = nav.position + In::new(wander[0], wander[1], 0.0);
+            nav
+        };
+        f.fly_with(
+            hover(0.0, 0.0, -1.0),
+            Phase::Flying,
+            RC_PERIOD_S * 1.01,
+            see,
+            |_, _| {},
+        );
+        moved += f.plant.position[0].powi(2) + f.plant.position[1].powi(2);
+        wandered += wander[0].powi(2) + wander[1].powi(2);
+        n += 1.0;
+    }
+    let rms = |sum: f64| f64::sqrt(sum / n);
+    println!(
+        "estimate wanders {:.3} m RMS, the vehicle {:.3} m",
+        rms(wandered),
+        rms(moved)
+    );
+    assert!(rms(moved) < 0.86 * rms(wandered));
+}
+
 #[test]
 fn a_sagging_battery_moves_into_the_hover_throttle() {
     let mut f = Flight::of(Plant::hovering([0.0, 0.0, -1.0]));

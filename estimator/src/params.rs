@@ -39,8 +39,8 @@ vehicle::params! {
         pose_std_m: float "EST_POSE_STD" = 0.03, "m", 0.005..=1.0;
         /// Smallest deviation of a plan yaw (algorithms note 1.2: 2 deg).
         pose_std_yaw_deg: float "EST_POSE_STDYAW" = 1.5, "deg", 0.1..=20.0;
-        /// Neighbouring plan poses share their error for this long, so that a fast ring is not trusted more than it knows.
-        pose_correlation_s: float "EST_POSE_TAU" = 0.3, "s", 0.0..=5.0;
+        /// Neighbouring plan poses share their error for this long, so that a fast ring is not trusted more than it knows. The state follows the particles within a few times this.
+        pose_correlation_s: float "EST_POSE_TAU" = 0.1, "s", 0.0..=5.0;
         /// Height of the body centre above the floor when landed.
         landed_height_m: float "EST_LAND_HEIGHT" = 0.05, "m", 0.0..=1.0;
         /// Height of the walls of the plan: higher hits are not compared with it.

@@ -12,9 +12,11 @@ use crate::sensor::{
 };
 use crate::simulator::{Fault, SimOutput};
 use crate::world::World;
+use arrayvec::ArrayVec;
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use vehicle::sample::MAX_COLUMNS;
 use vehicle::{Airframe, In, MapAnchor, MapPose, RangerReading, Timestamp};
 
 /// Samples on their way at most; a ring has 64 rangers at most and the longest latency is 38 ms.
@@ -36,6 +38,8 @@ pub(crate) struct Craft {
     down: Option<DownRanger>,
     flow: Option<FlowCamera>,
     faults: Vec<Fault>,
+    /// What each ranger said last.
+    stuck: Vec<Option<ArrayVec<Option<u16>, MAX_COLUMNS>>>,
     /// By time of delivery.
     in_transit: VecDeque<(Timestamp, SimOutput)>,
 }
@@ -82,6 +86,7 @@ impl Craft {
             down: config.down_range.then(|| DownRanger::new(seed, index)),
             flow: config.flow.then(|| FlowCamera::new(seed, index)),
             faults: Vec::new(),
+            stuck: vec![None; config.ring.rangers.len()],
             in_transit: VecDeque::with_capacity(IN_TRANSIT),
             quad,
         }
@@ -89,7 +94,12 @@ impl Craft {
 
     /// One millisecond of flight.
     pub(crate) fn fly(&mut self, now: Timestamp, shared: &Shared<'_>) {
-        let motors = self.fc.step(now, &self.quad);
+        let mut motors = self.fc.step(now, &self.quad);
+        for (i, motor) in motors.iter_mut().enumerate() {
+            if self.faults.contains(&Fault::MotorDead(i as u8)) {
+                *motor = 0.0;
+            }
+        }
         let bump = match &mut self.motors {
             None => self.quad.step(motors),
             Some((body, speeds)) => self.quad.follow(body, *speeds),
@@ -134,7 +144,10 @@ impl Craft {
             self.post(now, FLOW_LATENCY, SimOutput::Flow(sample));
         }
         while let Some(burst) = self.fc.deliver(now) {
-            if !self.faults.contains(&Fault::FcSilent) {
+            let ms = now.us() / 1_000;
+            let is_noise = self.faults.contains(&Fault::FcNoisy) && ms % 120 >= 15
+                || self.faults.contains(&Fault::FcLossy) && ms % 40 >= 20;
+            if !self.faults.contains(&Fault::FcSilent) && !is_noise {
                 let (at, bytes) = (burst.at, burst.bytes);
                 out(shared.index, SimOutput::FcBytes { at, bytes });
             }
@@ -157,9 +170,22 @@ impl Craft {
             let view = view.get_or_insert_with(|| {
                 View::new(shared.world, shared.index, &self.quad, shared.anchor)
             });
-            let (reading, latency) = self.rangers[i].fire(now, view);
+            let (mut reading, latency) = self.rangers[i].fire(now, view);
+            self.hold_stuck(&mut reading);
             let output = SimOutput::Ranger(reading);
             post(&mut self.in_transit, now + latency, output);
+        }
+    }
+
+    /// What is stuck says what it said last.
+    fn hold_stuck(&mut self, reading: &mut RangerReading) {
+        let is_stuck = self.faults.contains(&Fault::RangerStuck(reading.ranger));
+        let Some(last) = self.stuck.get_mut(usize::from(reading.ranger)) else {
+            return;
+        };
+        match last {
+            Some(columns) if is_stuck => reading.columns_mm.clone_from(columns),
+            last => *last = Some(reading.columns_mm.clone()),
         }
     }
 
@@ -199,7 +225,9 @@ impl Craft {
         }
         let view = View::new(shared.world, shared.index, &self.quad, shared.anchor);
         let ranger = self.rangers.get_mut(usize::from(ranger))?;
-        Some(ranger.fire(now, &view).0)
+        let mut reading = ranger.fire(now, &view).0;
+        self.hold_stuck(&mut reading);
+        Some(reading)
     }
 
     pub(crate) fn write_laser(&mut self, now: Timestamp, laser: usize, bytes: &[u8]) {

@@ -15,6 +15,7 @@
 //! | [`fc`] | the fake flight controller: MSP server, arming, failsafe, angle mode |
 //! | [`firmware`] | packets of Betaflight's simulator build, for the real firmware in place of the fake one |
 //! | [`sensor`] | one file per sensor, each with the table of faults it follows |
+//! | [`camera`] | what a camera on a vehicle sees |
 //! | [`imu_board`] | firmware of uQuad's inertial unit and a bench with simulated chips |
 //! | [`esc_bus`] | speed controllers of uQuad's motors on a simulated I2C bus |
 //! | [`motor_craft`] | uQuad's airframe, commanded in motor speeds |
@@ -25,6 +26,7 @@
 //! Limits, on purpose: walls and furniture reach from floor to ceiling, the floor is flat, air moves only by a wandering force,
 //! vehicles do not blow on each other, sonars do not hear each other.
 
+pub mod camera;
 pub mod config;
 mod controller;
 mod craft;

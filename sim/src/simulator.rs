@@ -1,5 +1,6 @@
 //! The simulator: steps of one millisecond of virtual time, outputs in order of delivery.
 
+use crate::camera::{LENS_AHEAD_M, MOVERS, Mover, Scenery, Shot};
 use crate::config::{SimConfig, SimError, check};
 use crate::craft::{Craft, Shared};
 use crate::fc::Radio;
@@ -57,6 +58,14 @@ pub enum Fault {
     DownSilent,
     /// One ranger of the ring is silent.
     RangerSilent(u8),
+    /// One ranger of the ring goes on saying what it said last.
+    RangerStuck(u8),
+    /// One motor, 0 to 3, gives no thrust.
+    MotorDead(u8),
+    /// Noise on the UART: of each 0.12 s of the flight controller's bytes only 15 ms arrive.
+    FcNoisy,
+    /// A worn connector: of each 40 ms of the flight controller's bytes 20 ms arrive.
+    FcLossy,
     /// The line of a lidar of its own is silent.
     LaserSilent(u8),
 }
@@ -346,6 +355,45 @@ impl Simulator {
             voltage_v: quad.battery().voltage_v(),
             charge: quad.battery().remaining(),
         }
+    }
+
+    /// What the camera of a vehicle sees from where it is: pose and who else is there. [`Camera`](crate::camera::Camera) draws it.
+    ///
+    /// # Panics
+    /// If there is no such vehicle.
+    #[must_use]
+    pub fn shot(&self, vehicle: usize) -> Shot {
+        let quad = &self.crafts[vehicle].quad;
+        let frd_to_ned = quad.attitude();
+        let axis = |x, y, z| {
+            self.anchor
+                .vector_to_map(frd_to_ned * In::<Frd>::new(x, y, z))
+        };
+        let axes = [
+            axis(1.0, 0.0, 0.0),
+            axis(0.0, 1.0, 0.0),
+            axis(0.0, 0.0, 1.0),
+        ];
+        let movers = self.world.seen_movers(vehicle).take(MOVERS);
+        Shot {
+            at: self.now,
+            eye: self.anchor.to_map(quad.position()) + axes[0] * LENS_AHEAD_M,
+            axes,
+            movers: movers
+                .map(|(is_person, disc)| Mover {
+                    centre: disc.centre,
+                    radius_m: disc.radius_m,
+                    heights_m: disc.heights_m,
+                    is_person,
+                })
+                .collect(),
+        }
+    }
+
+    /// The room as cameras see it, with everything raised so far.
+    #[must_use]
+    pub fn scenery(&self) -> Scenery {
+        self.room.scenery(self.world.visible_walls())
     }
 
     /// Virtual time.

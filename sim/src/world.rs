@@ -93,6 +93,19 @@ impl World {
         };
     }
 
+    /// What light comes back from.
+    pub(crate) fn visible_walls(&self) -> &Walls {
+        self.opaque.as_ref().unwrap_or(&self.walls)
+    }
+
+    /// Everything that moves but vehicle `observer`, people first; true for people.
+    pub(crate) fn seen_movers(&self, observer: usize) -> impl Iterator<Item = (bool, &Disc)> {
+        let (people, own) = (self.people.len(), self.people.len() + observer);
+        let all = self.discs.iter().enumerate();
+        all.filter(move |(i, _)| *i != own)
+            .map(move |(i, disc)| (i < people, disc))
+    }
+
     pub(crate) fn people(&self) -> impl Iterator<Item = Point> {
         self.discs[..self.people.len()].iter().map(|d| d.centre)
     }

@@ -4,120 +4,17 @@
 //
 // Prints one line per test and "N passed, N failed, N skipped"; pictures go to target/test-logs/console-*.png.
 
-import { spawn } from 'node:child_process';
-import { mkdirSync, mkdtempSync, rmSync } from 'node:fs';
-import { createRequire } from 'node:module';
+import { spawnSync } from 'node:child_process';
+import { mkdtempSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import path from 'node:path';
-import { fileURLToPath } from 'node:url';
+import { armAndTakeOff, bin, browser, check, clickOnPlan, open, PASSWORD, pictures, Program, seconds, sleep, state, until, waitFor } from './harness.mjs';
+import { SEVERAL } from './several.mjs';
+import { videoTests } from './video.mjs';
 
-const root = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../..');
-const require = createRequire(path.join(process.env.KESTREL_NODE_MODULES ?? path.join(root, 'target/browser'), 'x.js'));
-const { chromium } = require('playwright-core');
-const bin = process.env.KESTREL_BIN ?? path.join(root, 'target/release/kestrel');
-const pictures = path.join(root, 'target/test-logs');
-mkdirSync(pictures, { recursive: true });
-
-const PASSWORD = 'a long enough secret';
-const sleep = (ms) => new Promise((r) => setTimeout(r, ms));
-const seconds = (n) => ({ timeout: n * 1000 });
 let passed = 0;
 let failed = 0;
-
-class Program {
-  static async start(args = [], stateDir = undefined) {
-    const p = new Program();
-    p.begun = performance.now();
-    p.child = spawn(bin, ['sim', '--headless', '--mavlink', 'udpserver://127.0.0.1:0', ...(stateDir ? ['--state-dir', stateDir] : []), ...args], { stdio: ['ignore', 'pipe', 'inherit'] });
-    p.text = '';
-    p.child.stdout.on('data', (d) => { p.text += d; });
-    await until('the link of the console', () => p.links.length > 0, 10);
-    return p;
-  }
-  get links() { return [...this.text.matchAll(/(http:\/\/\S+#enter=\w+)/g)].map((m) => m[1]); }
-  get link() { return this.links.at(-1); }
-  get url() { return this.link.split('#')[0]; }
-  async stop() {
-    this.child.kill('SIGINT');
-    this.child.kill('SIGINT');
-    await Promise.race([new Promise((r) => this.child.once('exit', r)), sleep(3000)]);
-    this.child.kill('SIGKILL');
-  }
-}
-
-async function until(what, isSo, most) {
-  const end = performance.now() + most * 1000;
-  for (;;) {
-    const value = await isSo();
-    if (value) return value;
-    if (performance.now() > end) throw new Error(`not within ${most} s: ${what}`);
-    await sleep(20);
-  }
-}
-
-function check(is, what) {
-  if (!is) throw new Error(what);
-}
-
-const state = (page) => page.evaluate(() => ({ ...kestrel.vehicle.state }));
-const waitFor = (page, f, most = 10, arg = undefined) => page.waitForFunction(f, arg, { timeout: most * 1000, polling: 30 });
-
-async function armAndTakeOff(page) {
-  await page.click('text=Take control');
-  await waitFor(page, () => document.querySelector('.slide').getAttribute('aria-disabled') === 'false', 20);
-  const box = await page.locator('.slide').boundingBox();
-  // Half way is no gesture.
-  await page.mouse.move(box.x + 25, box.y + 25);
-  await page.mouse.down();
-  await page.mouse.move(box.x + box.width / 2, box.y + 25, { steps: 4 });
-  await page.mouse.up();
-  await sleep(300);
-  check(!(await state(page)).armed, 'half a slide does not arm');
-  await page.mouse.move(box.x + 25, box.y + 25);
-  await page.mouse.down();
-  await page.mouse.move(box.x + box.width - 4, box.y + 25, { steps: 8 });
-  await page.mouse.up();
-  await waitFor(page, () => kestrel.vehicle.state.armed);
-  await page.click('[data-action=takeoff]');
-  await waitFor(page, () => kestrel.vehicle.state.landed === 1 && kestrel.vehicle.state.z > 0.8, 20);
-}
-
-async function clickOnPlan(page, x, y) {
-  const at = await page.evaluate(([px, py]) => {
-    const box = document.querySelector('canvas.plan').getBoundingClientRect();
-    const p = kestrel.view.toScreen(px, py);
-    return [p[0] + box.left, p[1] + box.top];
-  }, [x, y]);
-  await page.mouse.click(...at);
-}
-
-/** A pad that a test holds. */
-const FAKE_PAD = `
-  window.fakePad = null;
-  navigator.getGamepads = () => [window.fakePad, null, null, null];
-  window.plugPad = () => {
-    window.fakePad = { id: 'Fake pad (STANDARD GAMEPAD)', index: 0, connected: true, mapping: 'standard', timestamp: performance.now(), axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ pressed: false, touched: false, value: 0 })) };
-    dispatchEvent(Object.assign(new Event('gamepadconnected'), { gamepad: window.fakePad }));
-  };
-  window.moveSticks = (axes) => { window.fakePad = { ...window.fakePad, axes, timestamp: performance.now() }; };
-  window.unplugPad = () => { const gone = { ...window.fakePad, connected: false }; window.fakePad = null; dispatchEvent(Object.assign(new Event('gamepaddisconnected'), { gamepad: gone })); };
-`;
-
-const browser = await chromium.launch({
-  executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
-  args: ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync'],
-});
-
-async function open(url, options = {}) {
-  const context = await browser.newContext({ viewport: { width: 1366, height: 768 }, colorScheme: 'dark', locale: 'en-GB', ignoreHTTPSErrors: true, ...options });
-  const page = await context.newPage();
-  page.errors = [];
-  page.on('pageerror', (e) => page.errors.push(e.message));
-  page.on('console', (m) => { if (m.type() === 'error' && !/401|ERR_CONNECTION|WebSocket/.test(m.text())) page.errors.push(m.text()); });
-  await page.addInitScript(FAKE_PAD);
-  await page.goto(url);
-  return page;
-}
+let skipped = 0;
 
 const TESTS = {
   async 'map live within 3 s of program start, no request to anybody else'() {
@@ -220,6 +117,41 @@ const TESTS = {
       });
       console.log(`FIGURES page out of focus: released after ${left.released.toFixed(0)} ms (bar 100)`);
       check(left.released <= 100 && !left.live, JSON.stringify(left));
+      // Another tab in front.
+      await page.evaluate(() => dispatchEvent(new Event('focus')));
+      await page.click('text=Fly by sticks');
+      await page.evaluate(() => moveSticks([0, 0, 0, 0.5]));
+      await sleep(300);
+      const hidden = await page.evaluate(async () => {
+        const at = performance.now();
+        Object.defineProperty(document, 'visibilityState', { value: 'hidden', configurable: true });
+        document.dispatchEvent(new Event('visibilitychange'));
+        await new Promise((r) => setTimeout(r, 200));
+        delete document.visibilityState;
+        const first = window.sent.find(([t, x]) => t >= at && x === 0);
+        return { released: first ? first[0] - at : Infinity, live: kestrel.sticks.live, after: window.sent.filter(([t]) => first && t > first[0] + 1).length };
+      });
+      console.log(`FIGURES page hidden: released after ${hidden.released.toFixed(0)} ms (bar 100)`);
+      check(hidden.released <= 100 && !hidden.live && hidden.after === 0, JSON.stringify(hidden));
+      // From the axis to the frame on the socket; from there to the controller: tests/console, `sticks_reach_the_controller ...`.
+      await page.click('text=Fly by sticks');
+      await waitFor(page, () => kestrel.sticks.live && kestrel.sticks.trusted, 3);
+      const axis = await page.evaluate(async () => {
+        const took = [];
+        for (let i = 0; i < 100; i++) {
+          const to = i % 2 ? 0.4 : -0.4;
+          const at = performance.now();
+          moveSticks([to, 0, 0, 0]);
+          await new Promise((r) => setTimeout(r, 30 + (i * 7) % 21));
+          const first = window.sent.find(([t, , , , turn]) => t >= at && Math.sign(turn) === Math.sign(to));
+          took.push(first ? first[0] - at : Infinity);
+        }
+        kestrel.sticks.release();
+        took.sort((a, b) => a - b);
+        return [took[50], took[98]];
+      });
+      console.log(`FIGURES axis of the pad to the frame on the socket: median ${axis[0].toFixed(0)} ms, p99 ${axis[1].toFixed(0)} ms (bar to the controller 60)`);
+      check(axis[0] < 60, axis.join());
       // A button that was held while nobody looked does nothing when somebody looks again.
       await page.screenshot({ path: path.join(pictures, 'console-sticks.png') });
       await page.context().close();
@@ -269,12 +201,25 @@ const TESTS = {
       // Once more within three seconds: it lands.
       await guard.click('.stop');
       await waitFor(guard, () => !kestrel.vehicle.state.armed, 20);
+      // A new password by `kestrel passwd` beside the running program: ben is out, ana is not.
+      const { status } = spawnSync(bin, ['passwd', 'ben', '--state-dir', folder], { input: 'another long secret\n' });
+      check(status === 0, `kestrel passwd: ${status}`);
+      await ben.waitForSelector('input[name=password]', seconds(5));
+      await ben.waitForSelector('text=Your session is over', seconds(2));
+      check(await ana.evaluate(() => kestrel.link.isOpen), 'ana is still in');
       await admin.click('[data-tab=log]');
       await admin.click('[data-kind=actions]');
       for (const who of ['guard', 'ana', 'ben']) await admin.waitForSelector(`li b:text-is("${who}")`, seconds(5));
       await admin.click('[data-kind=intrusions]');
       await admin.waitForSelector('li:has-text("wrong user or password")', seconds(5));
       await admin.click('[data-kind=files]');
+      // The flight that has just ended, flown again on the page.
+      await admin.click('li:has-text(".mcap") button.link');
+      await waitFor(admin, () => kestrel.replay?.state, 20);
+      const again = await admin.evaluate(() => { const r = kestrel.time.shown(); const highest = Math.max(...[0.3, 0.4, 0.5, 0.6, 0.7].map((p) => { kestrel.time.seek(r.from + p * (r.to - r.from)); return kestrel.replay.state.z; })); return { lasts: r.to - r.from, highest, particles: kestrel.replay.particles?.length ?? 0, scan: kestrel.replay.scan?.length ?? 0 }; });
+      check(again.lasts > 10 && again.highest > 0.6 && again.scan > 0, JSON.stringify(again));
+      await admin.screenshot({ path: path.join(pictures, 'console-log-replay.png') });
+      await admin.evaluate(() => kestrel.time.goLive());
       const [download] = await Promise.all([admin.waitForEvent('download', seconds(5)), admin.click('li a')]);
       check(/^\d+\.\w+$/.test(download.suggestedFilename()), download.suggestedFilename());
       await admin.screenshot({ path: path.join(pictures, 'console-log.png') });
@@ -398,11 +343,14 @@ const TESTS = {
   },
 };
 
+Object.assign(TESTS, videoTests({ Program, open, waitFor, check, sleep, pictures, busy: !!process.env.KESTREL_BUSY }));
+
 const only = process.argv[2];
-for (const [name, test] of Object.entries(TESTS)) {
+for (const [name, test] of Object.entries({ ...TESTS, ...SEVERAL })) {
   if (only && !name.includes(only)) continue;
   try {
-    await test();
+    const why = await test();
+    if (why?.skipped) { skipped++; console.log(`SKIPPED ${name}: ${why.skipped}`); continue; }
     passed++;
     console.log(`ok      ${name}`);
   } catch (e) {
@@ -412,5 +360,5 @@ for (const [name, test] of Object.entries(TESTS)) {
 }
 
 await browser.close();
-console.log(`${passed} passed, ${failed} failed, 0 skipped`);
+console.log(`${passed} passed, ${failed} failed, ${skipped} skipped`);
 process.exit(failed ? 1 : 0);

@@ -129,6 +129,11 @@ impl Browser {
 
     /// Opens the socket; the status if it is refused.
     pub fn open(&self, origin: &str) -> Result<Page, u16> {
+        self.open_at("/api/socket", origin)
+    }
+
+    /// Opens a socket at a path; the status if it is refused.
+    pub fn open_at(&self, path: &str, origin: &str) -> Result<Page, u16> {
         let mut stream = TcpStream::connect(self.to).map_err(|_| 0u16)?;
         let _ = stream.set_nodelay(true);
         stream
@@ -138,7 +143,7 @@ impl Browser {
             "Origin: {origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
         );
         stream
-            .write_all(self.head("GET", "/api/socket", &more).as_bytes())
+            .write_all(self.head("GET", path, &more).as_bytes())
             .map_err(|_| 0u16)?;
         let head = read_head(&mut stream).map_err(|_| 0u16)?;
         let (status, _) = parse(&head);

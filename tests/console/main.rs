@@ -10,7 +10,10 @@
     reason = "a test program prints its figures and fails where it stands"
 )]
 
+mod beside;
 mod client;
+mod fleet;
+mod latency;
 mod vehicle;
 
 use bridge::autopilot::mode::Mode;
@@ -24,15 +27,20 @@ use mavlink_dialect::mode::Px4Mode;
 use mavlink_dialect::{Address, Encoder, raw};
 use serde_json::json;
 use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
 use std::time::Duration;
 use vehicle::{PASSWORD, Vehicle, start, start_with};
 
 const SECOND: Duration = Duration::from_secs(1);
 
 fn rows(vehicle: &Vehicle, log: Log) -> Vec<String> {
+    rows_in(&vehicle.folder, log)
+}
+
+fn rows_in(folder: &Path, log: Log) -> Vec<String> {
     // Notes are written by a thread of their own.
     bridge::io::clock::sleep(Duration::from_millis(150));
-    let books = Books::open(Some(&vehicle.folder.join(FILE))).unwrap();
+    let books = Books::open(Some(&folder.join(FILE))).unwrap();
     books
         .rows(log, 100)
         .unwrap()
@@ -338,6 +346,43 @@ fn a_changed_role_ends_the_sessions_and_a_removed_user_cannot_log_in() {
     );
 }
 
+/// What `kestrel passwd` does beside a running program.
+#[test]
+fn a_password_or_role_changed_by_another_program_ends_the_open_sessions_of_that_user_only() {
+    let vehicle = start();
+    let other = Browser::logged_in(vehicle.address, "pilot2");
+    let mut page = other.page();
+    let books = Books::open(Some(&vehicle.folder.join(FILE))).unwrap();
+    let hash = bridge::web::password::hash("another long secret").unwrap();
+    for change in ["password", "role", "removal"] {
+        let pilot = Browser::logged_in(vehicle.address, "pilot");
+        let mut open = pilot.page();
+        match change {
+            "password" => {
+                let same = bridge::web::password::hash(PASSWORD).unwrap();
+                books
+                    .set_user("pilot", Some(&hash), None, None, None)
+                    .and_then(|_| books.set_user("pilot", Some(&same), None, None, None))
+                    .unwrap();
+            }
+            "role" => {
+                books
+                    .set_user("pilot", None, Some(Role::Viewer), None, None)
+                    .unwrap();
+            }
+            _ => {
+                books.remove_user("pilot").unwrap();
+            }
+        }
+        page.beat();
+        assert!(open.pump(3 * SECOND, |p| p.closed.is_some()), "{change}");
+        assert_eq!(open.closed, Some(4001), "{change}");
+        assert_eq!(pilot.get("/api/session").status, 401, "{change}");
+    }
+    page.pump(Duration::from_millis(300), |_| false);
+    assert_eq!((page.closed, other.get("/api/session").status), (None, 200));
+}
+
 #[test]
 fn the_link_of_the_terminal_opens_one_browser_and_the_setup_code_makes_one_administrator() {
     let vehicle = start_with(&[], true, &[]);
@@ -394,6 +439,7 @@ fn others_reach_the_console_only_when_somebody_has_a_password() {
         },
         plan: std::sync::Arc::clone(room.floor_plan()),
         settings: bridge::settings::Settings::default(),
+        camera: None,
     };
     let refused = Console::start(config, links.joint())
         .err()
@@ -561,7 +607,8 @@ fn a_pilot_flies_others_do_not_and_a_viewer_stops_him() {
         "FIGURES\nheld sticks of a silent page centred after {:.0} ms (bar 250 and a tick)\nEND",
         took.as_secs_f64() * 1e3
     );
-    assert!(took < Duration::from_millis(400), "{took:?}");
+    // Generous: the time itself is judged in virtual time (`dead_man`).
+    assert!(took < 2 * SECOND, "{took:?}");
 
     // STOP by who may not fly.
     pilot.send(&raw::COMMAND_LONG_DATA {
@@ -582,7 +629,8 @@ fn a_pilot_flies_others_do_not_and_a_viewer_stops_him() {
         "FIGURES\nSTOP by a viewer: {:.0} ms (bar 100)\nEND",
         took.as_secs_f64() * 1e3
     );
-    assert!(took < Duration::from_millis(100), "{took:?}");
+    // Generous: the bar is held in virtual time (`latency`).
+    assert!(took < SECOND, "{took:?}");
     assert_eq!(
         vehicle.shown().owner,
         Some(pilot.system()),

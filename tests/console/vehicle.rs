@@ -51,7 +51,7 @@ pub fn start() -> Vehicle {
     )
 }
 
-pub fn fresh_folder() -> PathBuf {
+fn fresh_folder() -> PathBuf {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let n = NEXT.fetch_add(1, Ordering::Relaxed);
     let folder = std::env::temp_dir().join(format!("kestrel-console-{}-{n}", std::process::id()));
@@ -59,18 +59,22 @@ pub fn fresh_folder() -> PathBuf {
     folder
 }
 
-pub fn start_with(users: &[(&str, Role)], has_link: bool, wanted: &[Wanted]) -> Vehicle {
+/// A fresh folder with accounts in it; everybody's password is [`PASSWORD`].
+pub fn folder_with(users: &[(&str, Role)]) -> PathBuf {
     let folder = fresh_folder();
-    {
-        let books = Books::open(Some(&folder.join(FILE))).unwrap();
-        // One hash for all: each costs a tenth of a second.
-        let hash = password::hash(PASSWORD).unwrap();
-        for (name, role) in users {
-            books
-                .set_user(name, Some(&hash), Some(*role), None, None)
-                .unwrap();
-        }
+    let books = Books::open(Some(&folder.join(FILE))).unwrap();
+    // One hash for all: each costs a tenth of a second.
+    let hash = password::hash(PASSWORD).unwrap();
+    for (name, role) in users {
+        books
+            .set_user(name, Some(&hash), Some(*role), None, None)
+            .unwrap();
     }
+    folder
+}
+
+pub fn start_with(users: &[(&str, Role)], has_link: bool, wanted: &[Wanted]) -> Vehicle {
+    let folder = folder_with(users);
     let room = Room::named("office").unwrap();
     let settings = Settings::default();
     let vehicle = VehicleConfig::new(room.home(), RingConfig::built_in("tof32").unwrap());
@@ -98,6 +102,7 @@ pub fn start_with(users: &[(&str, Role)], has_link: bool, wanted: &[Wanted]) -> 
             us: our_address(&settings),
             plan: lockstep.simulator.floor_plan(),
             settings,
+            camera: None,
         },
         links.joint(),
     )

@@ -81,8 +81,8 @@ fn track(f: &Flight) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Takes off and flies to a place on the plan.
-fn fly_to(scenario: Scenario, goal: [f64; 2], limit_s: f64) -> Flight {
+/// Takes off and flies to a place on the plan; true if it came there.
+fn fly_to(scenario: Scenario, goal: [f64; 2], limit_s: f64) -> (Flight, bool) {
     let mut f = scenario.start();
     f.until("armable", 20.0, |f| f.station.heard().is_armable);
     let [north, east] = ned(goal);
@@ -91,12 +91,14 @@ fn fly_to(scenario: Scenario, goal: [f64; 2], limit_s: f64) -> Flight {
     f.arm();
     let result = f.set_mode(modes::MISSION);
     f.assert(result == 0, &format!("mode Mission was refused: {result}"));
-    f.until("the goal", limit_s, |f| {
-        let p = f.truth().position;
-        p.z() < -0.5 && (p.x() - north).hypot(p.y() - east) < 0.35
-    });
+    let has_arrived = f
+        .try_until(limit_s, |f| {
+            let p = f.truth().position;
+            p.z() < -0.5 && (p.x() - north).hypot(p.y() - east) < 0.35
+        })
+        .is_ok();
     f.wait_s(2.0);
-    f
+    (f, has_arrived)
 }
 
 /// Every ring over every seed; what `judge` says of a flight is printed and must hold.
@@ -114,14 +116,20 @@ fn campaign(
     for ring in rings {
         for seed in seeds(few) {
             let scenario = Scenario::in_room(room(ring)).ring(ring).seed(seed);
-            let f = fly_to(scenario, goal, limit_s);
+            let (f, has_arrived) = fly_to(scenario, goal, limit_s);
             let contacts = f.truth().contacts;
             let (said, is_good) = judge(&f);
+            let outcome = if has_arrived {
+                String::new()
+            } else {
+                let texts = &f.station.heard().texts;
+                format!(", NOT THERE: {}", texts.join("; "))
+            };
             println!(
-                " {ring:<7} seed {seed:2}: {contacts} contacts, {:.1} s{said}",
+                " {ring:<7} seed {seed:2}: {contacts} contacts, {:.1} s{said}{outcome}",
                 f.now().s()
             );
-            bad += u32::from(contacts > 0 || !is_good);
+            bad += u32::from(contacts > 0 || !is_good || !has_arrived);
         }
     }
     println!("END");
@@ -190,6 +198,29 @@ fn out_of_a_dead_end_of_3_metres_that_the_plan_shows_open() {
         [8.0, 3.0],
         |_| hall(&recess).with_unmapped(&shut),
         nothing_more,
+    );
+}
+
+/// The same recess on no plan at all: most of what the rangers see there is not what localization knows.
+#[test]
+fn out_of_a_dead_end_of_3_metres_that_no_plan_shows() {
+    let walls = [
+        outline([3.0, 1.9], [6.1, 2.0]),
+        outline([3.0, 4.0], [6.1, 4.1]),
+        outline([6.0, 2.0], [6.1, 4.0]),
+    ]
+    .concat();
+    campaign(
+        "dead end 3 m that no plan shows",
+        &BOTH,
+        2,
+        180.0,
+        [8.0, 3.0],
+        |_| hall(&[]).with_unmapped(&walls),
+        |f| {
+            let lost = f.snapshot().nav.localization.reset_counter;
+            (format!(", {lost} resets of the place"), true)
+        },
     );
 }
 

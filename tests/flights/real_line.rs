@@ -7,7 +7,8 @@
 )]
 
 use bridge::autopilot::door::{
-    Asked, Event, Notice, Outcome, Refusal, Request, RequestId, Snapshot, Station,
+    Asked, Event, Failure, FailureKind, FailureUnit, Notice, Outcome, Refusal, Request, RequestId,
+    Snapshot, Station,
 };
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
 use bridge::io::clock::Clock;
@@ -112,6 +113,27 @@ fn a_controller_on_a_socket_is_found_heard_and_not_flown_without_rangers() {
     assert_eq!(
         (answer.id, answer.outcome),
         (RequestId(5), Outcome::Refused(Refusal::NoRangers))
+    );
+    assert!(handle.ask(Asked {
+        id: RequestId(6),
+        station,
+        request: Request::Inject(Failure {
+            unit: FailureUnit::Motor,
+            kind: FailureKind::Off,
+            instance: 1,
+        })
+    }));
+    let answer = loop {
+        assert!(Instant::now() < deadline, "no answer");
+        if let Some(News::Answer(answer)) = handle.poll() {
+            break answer;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert_eq!(
+        (answer.id, answer.outcome),
+        (RequestId(6), Outcome::Refused(Refusal::NotSimulated)),
+        "nothing is broken on a real vehicle"
     );
     stop.store(true, Ordering::Relaxed);
     server.join().unwrap();

@@ -6,6 +6,7 @@
     reason = "a test program prints its figures and fails where it stands"
 )]
 
+use bridge::autopilot::door::HostReport;
 use bridge::io::clock::monotonic_ns;
 use bridge::log::replay::{Replay, Report};
 use bridge::log::{Emitted, FlightRecord, LogFile};
@@ -60,7 +61,7 @@ fn random_flight(seed: u64) -> Flight {
     f.command(22, [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.0]);
     f.wait_s(6.0);
     for _ in 0..4 {
-        match dice.roll(8) {
+        match dice.roll(13) {
             0 => drop(f.set_mode(modes::POSITION)),
             1 => f
                 .world
@@ -72,6 +73,21 @@ fn random_flight(seed: u64) -> Flight {
                 .world
                 .hold_flight(Duration::from_millis(50 + dice.roll(600))),
             5 => f.world.simulator.set_charge(0, 0.1),
+            7 => f
+                .world
+                .simulator
+                .set_fault(0, Fault::RangerStuck(dice.roll(4) as u8), true),
+            8 => f.world.simulator.set_fault(0, Fault::DownSilent, true),
+            9 => f.world.simulator.set_fault(0, Fault::FcNoisy, true),
+            10 => f.world.host(HostReport {
+                temperature_c: Some(60.0 + dice.roll(50) as f64),
+                is_overloaded: true,
+                ..HostReport::default()
+            }),
+            11 => f
+                .world
+                .simulator
+                .set_fault(0, Fault::MotorDead(dice.roll(4) as u8), true),
             6 => {
                 let place = places(room)[0];
                 let now = f.now();

@@ -86,6 +86,7 @@ pub struct Scenario {
     charge: f64,
     manner: Manner,
     delivery: Delivery,
+    serial_rate_hz: u32,
     params: Vec<(String, String)>,
     is_recorded: bool,
 }
@@ -114,6 +115,7 @@ impl Scenario {
             charge: 1.0,
             manner: Manner::default(),
             delivery: Delivery::default(),
+            serial_rate_hz: 100,
             params: Vec::new(),
             is_recorded: false,
         }
@@ -205,6 +207,13 @@ impl Scenario {
         self
     }
 
+    /// Messages the flight controller answers a second (`serial_update_rate_hz`): 100 unless changed.
+    #[must_use]
+    pub fn serial_rate(mut self, hz: u32) -> Self {
+        self.serial_rate_hz = hz;
+        self
+    }
+
     /// A pilot's radio is the receiver; set what it sends with `world.simulator.set_radio`.
     #[must_use]
     pub fn beside_radio(self) -> Self {
@@ -275,6 +284,7 @@ impl Scenario {
         };
         vehicle.fc.manner = self.manner;
         vehicle.fc.delivery = self.delivery;
+        vehicle.fc.serial_rate_hz = self.serial_rate_hz;
         let sim = SimConfig {
             vehicles: vec![vehicle],
             people: self.people.clone(),
@@ -352,9 +362,7 @@ impl Flight {
             }
         }
         self.station.tick(now);
-        while let Some(frame) = self.station.poll() {
-            self.world.receive(STATION, &frame, true);
-        }
+        self.hand_over();
         if self.pace.is_due(now) {
             self.rows.push(Row::take(
                 now,
@@ -364,6 +372,26 @@ impl Flight {
             ));
             self.trace();
         }
+    }
+
+    /// What the station has sent reaches the vehicle now, not with the next [`step`](Self::step).
+    pub fn hand_over(&mut self) {
+        while let Some(frame) = self.station.poll() {
+            self.world.receive(STATION, &frame, true);
+        }
+    }
+
+    /// Time finer than a [`step`](Self::step), without rows; the station beats on.
+    pub fn advance(&mut self, by: Duration) {
+        let now = self.world.now() + by;
+        self.world.advance(now);
+        while let Some(out) = self.world.poll() {
+            if let Outgoing::Frame(STATION, frame) = out {
+                self.station.receive(&frame);
+            }
+        }
+        self.station.tick(now);
+        self.hand_over();
     }
 
     /// With KESTREL_TRACE set: truth beside belief, twice a second.

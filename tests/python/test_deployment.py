@@ -1,105 +1,139 @@
-"""docs/deployment: the service unit starts what it says and lands on SIGTERM; SSH takes keys only and shows its banner."""
+"""On the vehicle: `kestrel doctor`, the signs of life for systemd, the package and its service."""
 
-import contextlib
+import os
 import re
-import shlex
 import shutil
 import signal
 import socket
 import subprocess
 import tempfile
+import time
 from pathlib import Path
 
 import kestrel_harness
-from kestrel_harness import WORKSPACE, airspace, free_port, out_folder
+from kestrel_harness import Skipped, out_folder
 from rooms import Room
-from station import Station
+from test_sensors import Rehearsal
 
-FOLDER = WORKSPACE / "docs" / "deployment"
+PACKAGING = Path(__file__).resolve().parents[2] / "packaging"
 
 
-def unit():
-    """Keys of the unit file, each with its values; continued lines joined."""
-    text = (FOLDER / "kestrel.service").read_text().replace("\\\n", " ")
-    keys = {}
+class FakeController:
+    """`kestrel msp serve`: a flight controller on TCP."""
+
+    def __init__(self, *arguments):
+        self.port = kestrel_harness.free_port(socket.SOCK_STREAM)
+        self.command = [kestrel_harness.binary(), "msp", "serve", f"tcpserver://127.0.0.1:{self.port}", *arguments]
+
+    def __enter__(self):
+        self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 20.0
+        while time.monotonic() < deadline:
+            # A look into the table of sockets: a connection would be the one client it takes.
+            listening = Path("/proc/net/tcp").read_text()
+            if re.search(rf"0100007F:{self.port:04X} 00000000:0000 0A", listening):
+                return self
+            time.sleep(0.05)
+        raise AssertionError("kestrel msp serve does not listen")
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+
+
+def test_doctor_says_what_is_missing_and_what_to_do():
+    """A port that is not there is MISSING with advice and exit code 1; a folder that cannot be written too."""
+    folder = Path(tempfile.mkdtemp(prefix="doctor-", dir=out_folder()))
+    done = kestrel_harness.run("doctor", "--fc", "serial:///dev/ttyNONE0?baudrate=115200", "--state-dir", folder / "state")
+    text = done.stdout
+    assert done.returncode == 1, text + done.stderr
+    assert re.search(r"^MISSING +serial port +/dev/ttyNONE0 is not there", text, re.M), text
+    assert "-> is the cable in" in text and "settings not read" in text, text
     for line in text.splitlines():
-        if "=" in line and not line.startswith("#"):
-            key, _, value = line.partition("=")
-            keys.setdefault(key, []).append(value.strip())
-    return keys
+        if line.startswith(("MISSING", "poor")):
+            following = text.splitlines()[text.splitlines().index(line) + 1]
+            assert following.strip().startswith("->"), f"no advice below: {line}"
+    (folder / "file").write_text("")
+    done = kestrel_harness.run("doctor", "--state-dir", folder / "file" / "below")
+    assert done.returncode == 1 and re.search(r"^MISSING +disk +cannot make", done.stdout, re.M), done.stdout
+    done = kestrel_harness.run("doctor", "--sensor", "no_such:///dev/null")
+    assert done.returncode == 2 and "no sensor `no_such`" in done.stderr, done.stderr
+    shutil.rmtree(folder)
 
 
-def test_the_service_unit_starts_what_it_says():
-    """systemd reads it without a word; its ExecStart, on simulated devices, comes up headless, and SIGTERM ends it with exit 0."""
-    keys = unit()
-    assert keys["KillSignal"] == ["SIGTERM"] and int(keys["TimeoutStopSec"][0]) > 30 and keys["User"] == ["kestrel"]
-    checked = "systemd is not here"
-    if shutil.which("systemd-analyze"):
-        folder = Path(tempfile.mkdtemp(prefix="unit-", dir=out_folder()))
-        text = (FOLDER / "kestrel.service").read_text().replace("/usr/local/bin/kestrel", kestrel_harness.binary())
-        (folder / "kestrel.service").write_text(text)
-        done = subprocess.run(["systemd-analyze", "verify", folder / "kestrel.service"], capture_output=True, text=True, timeout=60)
-        ours = [line for line in done.stderr.splitlines() if "kestrel.service" in line]
-        assert not ours, "\n".join(ours)
-        checked = "systemd has nothing to say against it"
-
-    folder = Path(tempfile.mkdtemp(prefix="service-", dir=out_folder()))
-    fc, port = free_port(socket.SOCK_STREAM), free_port()
-    command = shlex.split(keys["ExecStart"][0])
-    assert "--wait" in command and "--headless" in command
-    replaced = {
-        "/usr/local/bin/kestrel": kestrel_harness.binary(),
-        "serial:///dev/ttyAMA0?baudrate=115200": f"tcpclient://127.0.0.1:{fc}",
-        "/etc/kestrel/plan.yaml": str(Room.export("office").plan),
-        "ld06:///dev/ttyUSB0": f"ld06://{folder}/lidar",
-        "msp:///dev/ttyUSB1": f"msp://{folder}/flow",
-        "udpserver://0.0.0.0:14555": f"udpserver://127.0.0.1:{port}",
-        "/var/lib/kestrel": str(folder / "state"),
-    }
-    assert set(replaced) <= set(command), set(replaced) - set(command)
-    sensors = ["--sensor", replaced["ld06:///dev/ttyUSB0"], "--sensor", replaced["msp:///dev/ttyUSB1"]]
-    rehearse = [kestrel_harness.binary(), "rehearse", "office", "--fc", f"tcpserver://127.0.0.1:{fc}", *sensors]
-    with contextlib.ExitStack() as cleaning:
-        cleaning.enter_context(airspace())
-        world = subprocess.Popen(rehearse, stdout=subprocess.PIPE, text=True)
-        cleaning.callback(world.kill)
-        assert "flight controller on" in world.stdout.readline()
-        service = subprocess.Popen(
-            [replaced.get(word, word) for word in command], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-        cleaning.callback(service.kill)
-        station = Station(port, speed=1)
-        cleaning.callback(station.close)
-        station.wait_connected()
-        station.wait_ready(60.0)
-        service.send_signal(signal.SIGTERM)
-        said, _ = service.communicate(timeout=45)
-        assert service.returncode == 0, said
-    assert "\x1b" not in said and "\r" not in said, "a status line in the journal"
-    assert list((folder / "state").iterdir()), "nothing was kept in the state folder"
-    return checked
+def test_doctor_reads_the_settings_of_a_controller():
+    """As delivered a controller lacks what `fc provision` sets; provisioned it lacks nothing."""
+    folder = Path(tempfile.mkdtemp(prefix="doctor-", dir=out_folder()))
+    with FakeController() as controller:
+        fc = f"tcpclient://127.0.0.1:{controller.port}"
+        before = kestrel_harness.run("doctor", "--fc", fc, "--state-dir", folder)
+        check = kestrel_harness.run("fc", "check", "--fc", fc)
+    assert ("MISSING" in check.stdout) == (before.returncode == 1), check.stdout + before.stdout
+    assert re.search(r"controller +", before.stdout), before.stdout
+    if before.returncode == 1:
+        assert "kestrel fc provision" in before.stdout or "by hand" in before.stdout, before.stdout
+    shutil.rmtree(folder)
 
 
-def test_ssh_takes_keys_only_and_shows_its_banner():
-    """The snippet forbids passwords and root and names the banner; where sshd is installed it must accept the file."""
-    text = (FOLDER / "sshd_kestrel.conf").read_text()
-    settings = dict(line.split(None, 1) for line in text.splitlines() if line and not line.startswith("#"))
-    wanted = {
-        "PasswordAuthentication": "no", "KbdInteractiveAuthentication": "no", "PubkeyAuthentication": "yes",
-        "PermitRootLogin": "no", "LogLevel": "VERBOSE", "Banner": "/etc/ssh/kestrel_banner",
-    }  # fmt: skip
-    assert {k: settings.get(k) for k in wanted} == wanted, settings
-    banner = (FOLDER / "kestrel_banner").read_text()
-    assert "written down" in banner and len(banner.splitlines()) <= 4
-    page = (WORKSPACE / "docs" / "deployment.md").read_text()
-    for name in ("kestrel.service", "sshd_kestrel.conf", "kestrel_banner"):
-        assert name in page, f"docs/deployment.md does not name {name}"
-    sshd = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:/usr/bin")
-    if not sshd:
-        return "read here; sshd is not installed to read it"
-    folder = Path(tempfile.mkdtemp(prefix="sshd-", dir=out_folder()))
-    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", folder / "key"], check=True, timeout=20)
-    (folder / "conf").write_text(re.sub(r"^Banner .*", f"Banner {FOLDER}/kestrel_banner", text, flags=re.M) + f"HostKey {folder}/key\n")
-    done = subprocess.run([sshd, "-t", "-f", folder / "conf"], capture_output=True, text=True, timeout=20)
-    assert done.returncode == 0, done.stderr
-    return "accepted by sshd"
+def test_systemd_is_told_that_the_program_is_ready_and_lives():
+    """READY=1 at the start, WATCHDOG=1 while both loops go round, silence when the process stands still."""
+    folder = Path(tempfile.mkdtemp(prefix="notify-", dir=out_folder()))
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    listener.bind(str(folder / "notify"))
+    listener.settimeout(20.0)
+    environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify"), "WATCHDOG_USEC": "800000"}
+    room = Room.export("office")
+    command = [kestrel_harness.binary(), "fly", "--wait", "--headless", "--map", room.plan, "--state-dir", folder / "state"]
+    command += ["--fc", f"tcpclient://127.0.0.1:{kestrel_harness.free_port(socket.SOCK_STREAM)}"]
+    command += ["--mavlink", f"udpserver://127.0.0.1:{kestrel_harness.free_port()}"]
+    program = subprocess.Popen([str(word) for word in command], env=environment, stdout=subprocess.DEVNULL)
+    try:
+        assert listener.recv(64) == b"READY=1"
+        assert [listener.recv(64) for _ in range(3)] == [b"WATCHDOG=1"] * 3
+        program.send_signal(signal.SIGINT)
+        assert program.wait(20.0) == 0
+    finally:
+        program.kill()
+        program.wait()
+        listener.close()
+    shutil.rmtree(folder)
+
+
+def test_the_package_is_built_and_its_service_is_closed():
+    """`packaging/build-deb.sh`: program, service, rules, configuration; the service's exposure by systemd's own measure."""
+    if not shutil.which("dpkg-deb"):
+        raise Skipped("no dpkg-deb")
+    folder = Path(tempfile.mkdtemp(prefix="package-", dir=out_folder()))
+    subprocess.run([PACKAGING / "build-deb.sh", kestrel_harness.binary(), folder], check=True, capture_output=True)
+    (package,) = folder.glob("kestrel_*.deb")
+    listed = subprocess.run(["dpkg-deb", "--contents", package], check=True, capture_output=True, text=True).stdout
+    for path in ("usr/bin/kestrel", "systemd/system/kestrel.service", "udev/rules.d/60-kestrel.rules", "etc/kestrel/fly.conf"):
+        assert path in listed, f"{path} is not in the package:\n{listed}"
+    megabytes = package.stat().st_size / 1e6
+    shutil.rmtree(folder)
+    if not shutil.which("systemd-analyze"):
+        return f"package of {megabytes:.1f} MB; SKIPPED the service: no systemd-analyze"
+    said = subprocess.run(
+        ["systemd-analyze", "security", "--offline=true", PACKAGING / "kestrel.service"], capture_output=True, text=True
+    ).stdout
+    exposure = float(re.search(r"exposure level for kestrel.service: ([0-9.]+)", said).group(1))
+    assert exposure <= 2.5, said
+    return f"package of {megabytes:.1f} MB, exposure {exposure}"
+
+
+def test_the_second_ctrl_c_stops_the_motors():
+    """In the air the first one lands; the second one stops the motors where it is, and the program ends."""
+    with Rehearsal("ld06://{folder}/lidar", "msp://{folder}/flow", seed=6) as rehearsal:
+        rehearsal.station.wait_ready(60.0)
+        rehearsal.station.take_off(1.0)
+        rehearsal.flying.send_signal(signal.SIGINT)
+        time.sleep(0.3)
+        assert rehearsal.flying.poll() is None, "the first one ended it in the air"
+        began = time.monotonic()
+        rehearsal.flying.send_signal(signal.SIGINT)
+        assert rehearsal.flying.wait(5.0) == 0
+        took = time.monotonic() - began
+        said = rehearsal.log()
+    assert "Stopping: landing first" in said and "Motors stopped" in said, said
+    assert took < 2.0, f"{took:.1f} s"
+    return f"over after {took:.2f} s"

@@ -393,6 +393,7 @@ impl Arbiter {
             | Request::RestartFc
             | Request::Sensed(_)
             | Request::ShutDown => Err(Refusal::Unsupported),
+            Request::Inject(_) => Err(Refusal::NotSimulated),
         }
     }
 

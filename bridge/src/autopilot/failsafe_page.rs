@@ -1,25 +1,36 @@
 //! `docs/failsafe.md`, written from the table that flies, so that it says what happens.
 
-use super::supervisor::TABLE;
+use super::failsafes::TABLE;
 use std::fmt::Write as _;
 
 const HEAD: &str = "# Failsafes
 
 Written by `kestrel params --failsafes`; a test compares it with the program.
 
-What happens by itself when something fails. Every row is told as STATUSTEXT (`Failsafe: ...: Mode`) and shows in the heartbeat's
-mode; when its cause is gone that is told too, and the mode stays until somebody asks for another.
+What happens by itself when something fails. Every row that acts is told as STATUSTEXT (`Failsafe: ...: Mode`) and shows in the heartbeat's
+mode; when its cause is gone that is told too, and the mode stays until somebody asks for another. Rows that only tell say `Warning: ...`.
 
 ## What Kestrel does
 
 The first row whose condition holds decides. A mode is never replaced by a less careful one (Land, Return, Hold, the others).
 
-| When | What Kestrel does |
-| --- | --- |
+| When | What Kestrel does | It says | Set by | Keeps from arming | Flown by the test |
+| --- | --- | --- | --- | --- | --- |
 ";
 
 const REST: &str = "
 Where a row ends in Land, the descent is vertical, by the height sensors that still speak, with the motors stopped after touch-down.
+
+## What the ground side, the shell and people do
+
+| When | What happens | Test |
+| --- | --- | --- |
+| the way leads out of the fence | `GF_ACTION`: Hold by default, before the border | `files.fence_stops_the_vehicle_and_outlives_the_program` |
+| STOP (any station) | Hold; again within 3 s: Land | `stop_holds_and_stop_again_lands` |
+| first Ctrl-C, SIGTERM, SIGHUP | Land, logging goes on until it is down; then the program ends | `shutting_down_in_flight_lands_first` |
+| second one | the motors stop at once, wherever it is, and the program ends (beside a radio the pilot's switch decides) | `deployment.the_second_ctrl_c_stops_the_motors` |
+| a thread of links, logs, web or video panics or hangs | the flight thread goes on; links that are gone are a lost ground station | `a_lost_ground_station_lands_the_vehicle` |
+| the flight thread panics or never comes back | the keeper, a thread of its own with the line, sends sticks level and 95 % of the hover throttle for 1.5 s, then falls silent: the flight controller's own failsafe (below), set by `kestrel fc provision` | `a_flight_thread_that_never_comes_back_is_brought_down_without_it` |
 
 ## When Kestrel itself is late
 
@@ -75,7 +86,17 @@ switch is the way out. The keeper does not speak beside a radio.
 pub fn page() -> String {
     let mut out = String::from(HEAD);
     for row in &TABLE {
-        let _ = writeln!(out, "| {} | {} |", row.doc, row.does);
+        let params: Vec<String> = row.params.iter().map(|p| format!("`{p}`")).collect();
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | `{}` |",
+            row.doc,
+            row.does,
+            row.because.words(),
+            params.join(" "),
+            if row.refuses_arming { "yes" } else { "" },
+            row.test,
+        );
     }
     out.push_str(REST);
     out
@@ -84,7 +105,7 @@ pub fn page() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autopilot::supervisor::{FC_SILENT_S, LOOP_HELD_S};
+    use crate::autopilot::failsafes::{FC_SILENT_S, LOOP_HELD_S};
 
     #[test]
     fn the_sentences_of_the_table_carry_the_numbers_of_the_program() {

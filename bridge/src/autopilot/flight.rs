@@ -17,13 +17,15 @@ use super::beat::Beat;
 use super::bench_work::BenchWork;
 use super::door::{Answer, Event, FcStatus, Notice, Snapshot};
 use super::endurance::Endurance;
+use super::failsafes::{FC_SILENT_S, Facts, TABLE};
 use super::handover::Handover;
 use super::health;
 use super::io::{FcBytes, Input, Output};
 use super::latency::Histogram;
-use super::mode::Because;
+use super::mode::{Because, Mode};
 use super::modes::{Air, Cockpit};
-use super::supervisor::{FC_SILENT_S, Facts, Supervisor, Verdict};
+use super::supervisor::{Supervisor, Verdict};
+use super::watch::{Look, Watch};
 use crate::fc::convert::Convert;
 use crate::fc::{poll, stock_curves};
 use crate::sensor::Sample;
@@ -32,6 +34,7 @@ use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
+use estimator::kalman::Aid;
 use estimator::{Estimator, SearchRequest};
 use msp::client::Client;
 use msp::firmware::Firmware;
@@ -110,6 +113,7 @@ pub struct Flight {
     controller: Controller,
     arbiter: Arbiter,
     supervisor: Supervisor,
+    watch: Watch,
     arming: Arming,
     fc_arm: FcArmState,
     link: controller::Link,
@@ -198,6 +202,7 @@ impl Flight {
             controller,
             arbiter,
             supervisor: Supervisor::default(),
+            watch: Watch::default(),
             arming: Arming::Neutral,
             fc_arm: FcArmState::default(),
             link: controller::Link::default(),
@@ -252,6 +257,7 @@ impl Flight {
             Input::FcClosed => self.lose_controller(false),
             Input::Gnss(fix) => self.gnss(&fix),
             Input::Pose(pose) => self.estimator.external_pose(&pose),
+            Input::Host(report) => self.watch.host = report,
             Input::Wake => {}
         }
         self.listen(now);
@@ -338,6 +344,7 @@ impl Flight {
         self.bench_step(now);
 
         // Arbitrate and plan.
+        self.keep_watch(now, dt_s, &nav);
         self.supervise(now, dt_s, since_last.as_secs_f64(), &nav);
         if self.handover.pilot_steers() {
             self.arbiter.carried();
@@ -466,30 +473,13 @@ impl Flight {
         {
             self.disarm(now);
         }
-        let since =
-            |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
-        let mode = self.arbiter.mode().mode;
-        let facts = Facts {
-            mode,
-            is_flying: self.air == Air::Flying,
-            is_armed: self.arming.is_armed(),
-            has_attitude_and_height: nav.health.attitude && nav.health.height,
-            not_localized_s: since(self.localized_at),
-            search_s: self.arbiter.search_s(),
-            rangers_silent_s: since(self.ring.horizontal_at()),
-            ground_silent_s: self.ground_heard.map(|at| now.since(at).as_secs_f64()),
-            offboard_silent_s: self.arbiter.offboard_silent_s(now),
-            manual_silent_s: self.arbiter.manual_silent_s(now),
-            battery: self.snapshot.battery.and_then(|b| b.remaining),
-            spare_s: self.spare_s(nav),
-            fc_silent_s: self.fc_silent_s(now),
-            loop_gap_s,
-            params: &self.settings.autopilot,
-        };
-        let mut verdicts = ArrayVec::<Verdict, 16>::new();
-        self.supervisor.watch(&facts, |v| {
+        let spare_s = self.spare_s(nav);
+        let mut supervisor = core::mem::take(&mut self.supervisor);
+        let mut verdicts = ArrayVec::<Verdict, { 2 * TABLE.len() }>::new();
+        supervisor.watch(&self.facts(now, loop_gap_s, spare_s, nav), |v| {
             let _ = verdicts.try_push(v);
         });
+        self.supervisor = supervisor;
         for verdict in verdicts {
             match verdict {
                 Verdict::Act(because, mode) => {
@@ -502,10 +492,82 @@ impl Flight {
                     self.emit(Output::Event(Event::Notice(notice)));
                     self.with_cockpit(now, 0.0, nav, |arbiter, c| arbiter.enter(c, mode, because));
                 }
+                Verdict::Stop(because) => {
+                    let mode = self.arbiter.mode().mode;
+                    let notice = Notice::Failsafe { because, mode };
+                    self.emit(Output::Event(Event::Notice(notice)));
+                    // The reason stays to be read when the motors are long still.
+                    self.with_cockpit(now, 0.0, nav, |arbiter, c| {
+                        arbiter.enter(c, Mode::Land, because)
+                    });
+                    self.disarm(now);
+                }
+                Verdict::Tell(because) => {
+                    self.emit(Output::Event(Event::Notice(Notice::Trouble(because))));
+                }
                 Verdict::Clear(because) => self.emit(Output::Event(Event::Notice(
                     Notice::FailsafeCleared(because),
                 ))),
             }
+        }
+    }
+
+    fn keep_watch(&mut self, now: Timestamp, dt_s: f64, nav: &NavState) {
+        let filter = self.estimator.navigation();
+        let refused_s = [Aid::Roll, Aid::Pitch]
+            .map(|aid| {
+                let used = filter.status(aid).accepted_at;
+                used.map_or(0.0, |at| now.since(at).as_secs_f64())
+            })
+            .into_iter()
+            .fold(0.0, f64::max);
+        let is_online = self.fc.is_connected && self.client.is_online();
+        self.watch.look(&Look {
+            now,
+            dt_s,
+            nav,
+            is_flying: self.air == Air::Flying,
+            tilt_refused_s: refused_s,
+            setpoint: self.snapshot.setpoint,
+            battery: self.snapshot.battery,
+            fc_rate_hz: is_online.then_some(self.fc.service_rate_hz),
+            beats: (
+                self.snapshot.flight_loop.ticks,
+                self.snapshot.flight_loop.missed,
+            ),
+            params: &self.settings.autopilot,
+        });
+    }
+
+    /// What the rows of the table look at.
+    fn facts(
+        &self,
+        now: Timestamp,
+        loop_gap_s: f64,
+        spare_s: Option<f64>,
+        nav: &NavState,
+    ) -> Facts<'_> {
+        let since =
+            |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
+        let watched = self
+            .watch
+            .facts(now, nav.position, &self.settings.autopilot);
+        Facts {
+            mode: self.arbiter.mode().mode,
+            is_flying: self.air == Air::Flying,
+            is_armed: self.arming.is_armed(),
+            has_attitude_and_height: nav.health.attitude && nav.health.height,
+            not_localized_s: since(self.localized_at),
+            search_s: self.arbiter.search_s(),
+            rangers_silent_s: since(self.ring.horizontal_at()),
+            ground_silent_s: self.ground_heard.map(|at| now.since(at).as_secs_f64()),
+            offboard_silent_s: self.arbiter.offboard_silent_s(now),
+            manual_silent_s: self.arbiter.manual_silent_s(now),
+            battery: self.snapshot.battery.and_then(|b| b.remaining),
+            spare_s,
+            fc_silent_s: self.fc_silent_s(now),
+            loop_gap_s,
+            ..watched
         }
     }
 
@@ -561,6 +623,9 @@ impl Flight {
     // ---- sensors of the companion computer ---------------------------------------------------------------------
 
     fn range(&mut self, reading: &vehicle::RangerReading) {
+        if self.ring.looks_around(reading) {
+            self.watch.ranger(reading, self.estimator.state().position);
+        }
         let mut measured = ArrayVec::<Measured, 2>::new();
         self.ring.read(reading, |m| {
             let _ = measured.try_push(m);
@@ -680,7 +745,7 @@ impl Flight {
         let blocked = if self.arming.is_armed() {
             None
         } else {
-            health::first_failure(&self.checks())
+            health::first_failure(&self.checks(now))
         };
         let s = &mut self.snapshot;
         s.at = now;

@@ -2,7 +2,8 @@
 
 use super::arming::FcArmState;
 use super::door::Refusal;
-use super::params::AutopilotParams;
+use super::failsafes::{Facts, TABLE};
+use super::mode::Because;
 use vehicle::NavState;
 
 /// What the checks look at.
@@ -20,14 +21,10 @@ pub struct Checks<'a> {
     pub fc: &'a FcArmState,
     /// The estimate.
     pub nav: &'a NavState,
-    /// A horizontal ranger speaks.
-    pub rangers_alive: bool,
-    /// Battery left, 0..=1.
-    pub battery: Option<f64>,
+    /// What the rows of the table look at.
+    pub facts: Facts<'a>,
     /// The program wants to end.
     pub is_shutting_down: bool,
-    /// Parameters.
-    pub params: &'a AutopilotParams,
 }
 
 /// The first failing check; none = armable.
@@ -60,27 +57,36 @@ pub fn controller_failure(c: &Checks<'_>) -> Option<Refusal> {
     (!is_clear).then_some(Refusal::FcBlocks(blocks))
 }
 
-/// What we object to; a forced arm skips it.
+/// What we object to; a forced arm skips it. The rows of the table that keep from flying keep from taking off.
 fn own_failure(c: &Checks<'_>) -> Option<Refusal> {
-    if !c.nav.health.attitude || !c.nav.health.height {
+    let mut rows = TABLE.iter().filter(|row| row.refuses_arming);
+    let fires = |because: Because| {
+        TABLE
+            .iter()
+            .any(|row| row.because == because && row.refuses_arming && (row.when)(&c.facts))
+    };
+    if fires(Because::EstimatorFailed) {
         return Some(Refusal::NoAttitude);
     }
-    if !c.rangers_alive {
+    if fires(Because::RangersSilent) {
         return Some(Refusal::NoRangers);
     }
-    if !c.nav.health.position && !c.params.search {
+    if !c.nav.health.position && !c.facts.params.search {
         return Some(Refusal::SearchDisabled);
     }
-    match c.battery {
-        Some(left) if left * 100.0 < c.params.battery_low_percent => Some(Refusal::BatteryLow {
-            percent: (left * 100.0) as u8,
-        }),
-        _ => None,
-    }
+    rows.find(|row| (row.when)(&c.facts))
+        .map(|row| match (row.because, c.facts.battery) {
+            (Because::BatteryLow, Some(left)) => Refusal::BatteryLow {
+                percent: (left * 100.0) as u8,
+            },
+            (because, _) => Refusal::Failsafe(because),
+        })
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::failsafes::tests::well;
+    use super::super::params::AutopilotParams;
     use super::*;
     use crate::autopilot::door::FcBlocks;
     use vehicle::NavHealth;
@@ -115,10 +121,13 @@ mod tests {
             may_wait: false,
             fc: &blocked,
             nav: &unknown,
-            rangers_alive: false,
-            battery: Some(0.05),
+            facts: Facts {
+                has_attitude_and_height: false,
+                rangers_silent_s: f64::INFINITY,
+                battery: Some(0.05),
+                ..well(&params)
+            },
             is_shutting_down: false,
-            params: &params,
         };
         assert_eq!(said(&c), "flight controller does not answer");
         let c = Checks {
@@ -144,17 +153,38 @@ mod tests {
         );
         let c = Checks { fc: &free, ..c };
         assert_eq!(said(&c), "attitude and height are not known yet");
-        let c = Checks { nav: &flying, ..c };
+        let c = Checks {
+            nav: &flying,
+            facts: Facts {
+                has_attitude_and_height: true,
+                ..c.facts
+            },
+            ..c
+        };
         assert_eq!(said(&c), "range finders are silent");
         let c = Checks {
-            rangers_alive: true,
+            facts: Facts {
+                rangers_silent_s: 0.1,
+                ..c.facts
+            },
             ..c
         };
         assert_eq!(said(&c), "battery low (5 %)");
         let c = Checks {
-            battery: Some(0.8),
+            facts: Facts {
+                battery: Some(0.8),
+                ..c.facts
+            },
             ..c
         };
         assert_eq!(said(&c), "", "an unknown place is looked for in flight");
+        let c = Checks {
+            facts: Facts {
+                tilted_s: 1.0,
+                ..c.facts
+            },
+            ..c
+        };
+        assert_eq!(said(&c), "failsafe holds: tilted too far");
     }
 }

@@ -1,6 +1,6 @@
 //! What goes into `Flight` and what comes out: values only. A flight is its log of inputs.
 
-use super::door::{Answer, Asked, Event};
+use super::door::{Answer, Asked, Event, HostReport};
 use crate::sensor::Sample;
 use arrayvec::ArrayVec;
 use estimator::{SearchRequest, SearchResult};
@@ -36,6 +36,8 @@ pub enum Input {
     Gnss(GnssFix),
     /// A pose from a camera or a tracking system.
     Pose(ExternalPose),
+    /// The computer tells how it is.
+    Host(HostReport),
 }
 
 impl From<Sample> for Input {

@@ -95,6 +95,36 @@ pub enum Because {
     LoopHeld,
     /// The pilot took over with his radio.
     PilotTookOver,
+    /// It lies on its side: a crash, or a motor is gone.
+    Toppled,
+    /// It tilts further than control ever asks for.
+    Tilted,
+    /// The estimate contradicts itself or what is possible.
+    Inconsistent,
+    /// The place on the plan jumps again and again.
+    PlaceJumps,
+    /// A range finder says the same wherever the vehicle is.
+    RangersStuck,
+    /// The battery is nearly empty.
+    BatteryCritical,
+    /// The voltage under load is too low.
+    BatterySags,
+    /// The way does not get shorter.
+    NoProgress,
+    /// The flight loop misses its beats.
+    LoopOverrun,
+    /// The flight controller answers too seldom to be flown by.
+    FcSlow,
+    /// The computer is too hot.
+    Hot,
+    /// The computer runs slower than it could.
+    Throttled,
+    /// Flights are not being logged.
+    DiskFails,
+    /// The wall clock jumped.
+    ClockJumped,
+    /// Ground side, web or video are behind.
+    Overloaded,
 }
 
 impl Because {

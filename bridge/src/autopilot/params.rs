@@ -53,6 +53,28 @@ vehicle::params! {
         manual_hold_s: float "KST_MAN_HOLD_T" = 2.0, "s", 0.2..=60.0;
         /// Battery left at which the vehicle returns and lands, percent; 0 never.
         battery_low_percent: float "BAT_LOW_THR" = 15.0, "%", 0.0..=60.0;
+        /// Battery left at which the vehicle lands where it is, percent; 0 never (PX4: critical).
+        battery_critical_percent: float "BAT_CRIT_THR" = 7.0, "%", 0.0..=60.0;
+        /// Voltage of a cell under load below which the vehicle lands, for 1 s; 0 never (lithium polymer is damaged below 3.0).
+        battery_sag_v: float "BAT_V_SAG" = 3.1, "V", 0.0..=4.0;
+        /// Tilt for 0.2 s at which a mode that needs a place gives up and lands (control asks for 20 degrees at most).
+        tilt_max_deg: float "KST_TILT_MAX" = 45.0, "deg", 25.0..=90.0;
+        /// Tilt for 0.3 s at which the motors stop: it has toppled over (PX4: FD_FAIL_R).
+        crash_tilt_deg: float "KST_CRASH_TILT" = 70.0, "deg", 45.0..=180.0;
+        /// Time that the estimate may contradict itself before landing.
+        inconsistent_s: float "KST_EST_T" = 1.0, "s", 0.2..=30.0;
+        /// Jumps of the place within 10 s before landing (a corridor with two like ends makes one).
+        jumps_max: int "KST_JUMPS_MAX" = 3, "1", 1..=8;
+        /// Time that a range finder may say the same while the vehicle moves before landing.
+        stuck_s: float "KST_STUCK_T" = 3.0, "s", 1.0..=60.0;
+        /// Time on the way within half a metre before a mission holds and a return lands; 0 never.
+        no_progress_s: float "KST_PROGRESS_T" = 30.0, "s", 0.0..=600.0;
+        /// Share of beats missed within 2 s before landing, percent.
+        missed_max_percent: float "KST_MISS_MAX" = 40.0, "%", 5.0..=100.0;
+        /// Answers of the flight controller below which the vehicle lands, for 1 s (attitude needs ten a second at least).
+        fc_min_hz: float "KST_FC_MIN_HZ" = 15.0, "Hz", 0.0..=60.0;
+        /// Temperature of the computer at which the vehicle lands (a Raspberry Pi switches itself off soon after).
+        hot_c: float "KST_TEMP_MAX" = 90.0, "degC", 40.0..=120.0;
         /// Time that must be left when the way home and the landing are flown, s; earlier than that it returns. 0 never.
         battery_reserve_s: float "KST_BAT_RESERVE" = 45.0, "s", 0.0..=600.0;
         /// Capacity of the battery, from which the time left is told before it has been learnt in flight; 0 unknown.

@@ -1,10 +1,10 @@
-//! The last word before an RC frame, and the table of failsafes.
+//! The last word before an RC frame, and the failsafes of the [`table`](super::failsafes).
 //!
-//! A row of [`TABLE`] fires when its condition holds; it asks the arbiter for a mode and tells the pilot once. Rows are
-//! in order of importance: the first that fires decides. When its condition ends, the pilot is told; the mode stays.
+//! A row fires when its condition holds; it asks the arbiter for a mode, stops the motors, or only tells. Rows are
+//! in order of importance: the first that fires and acts decides. When its condition ends, the pilot is told; the mode stays.
 
+use super::failsafes::{Answer, Facts, TABLE};
 use super::mode::{Because, Mode};
-use super::params::{AutopilotParams, LossAction};
 use vehicle::Sticks;
 
 /// A value that only the supervisor can make: sticks fit to be sent.
@@ -18,199 +18,20 @@ impl<T> Cleared<T> {
     }
 }
 
-/// What the rows look at. Times are seconds, infinite if it never happened.
-#[derive(Clone, Copy, Debug)]
-pub struct Facts<'a> {
-    /// Mode now.
-    pub mode: Mode,
-    /// Off the ground.
-    pub is_flying: bool,
-    /// Motors run.
-    pub is_armed: bool,
-    /// Roll, pitch and height are known.
-    pub has_attitude_and_height: bool,
-    /// Time since the place on the plan was last known.
-    pub not_localized_s: f64,
-    /// Time the search flight lasts, none outside of it.
-    pub search_s: Option<f64>,
-    /// Time since a horizontal ranger spoke.
-    pub rangers_silent_s: f64,
-    /// Time since a ground station spoke; none if none ever did.
-    pub ground_silent_s: Option<f64>,
-    /// Time since the last off-board set point.
-    pub offboard_silent_s: f64,
-    /// Time since the last manual input.
-    pub manual_silent_s: f64,
-    /// Battery left, 0..=1.
-    pub battery: Option<f64>,
-    /// Time the battery lasts beyond the way home and the landing; none while it cannot be told.
-    pub spare_s: Option<f64>,
-    /// Time since the flight controller said anything.
-    pub fc_silent_s: f64,
-    /// Time between the last two ticks.
-    pub loop_gap_s: f64,
-    /// Parameters.
-    pub params: &'a AutopilotParams,
-}
-
-/// One failsafe.
-#[derive(Clone, Copy)]
-pub struct Row {
-    /// Its name to the pilot.
-    pub because: Because,
-    /// When it fires.
-    pub when: fn(&Facts<'_>) -> bool,
-    /// The mode it asks for; none while it only warns.
-    pub action: fn(&Facts<'_>) -> Option<Mode>,
-    /// The pilot is told when its condition ends (not where the answer itself ends it).
-    pub tells_end: bool,
-    /// When it fires, for the documentation.
-    pub doc: &'static str,
-    /// What it does, for the documentation.
-    pub does: &'static str,
-}
-
-/// Rangers may be silent this long before the vehicle no longer flies on what it remembers.
-const RANGERS_SILENT_S: f64 = 1.0;
-
-/// A flight controller that answers 60 times a second and is silent for this long will not answer soon.
-pub const FC_SILENT_S: f64 = 0.2;
-/// A stall of the flight loop that Betaflight's receiver does not bridge: it idles the motors after 0.30 s without a frame.
-pub const LOOP_HELD_S: f64 = 0.3;
 /// A descent without attitude from the ceiling is over after this, s.
 const BLIND_DESCENT_S: f64 = 8.0;
 /// Share of the hover throttle that brings a level vehicle down.
 const BLIND_THROTTLE: f64 = 0.95;
 
-/// The failsafes, most important first.
-pub const TABLE: [Row; 11] = [
-    Row {
-        because: Because::FcSilent,
-        when: |f| f.is_armed && f.fc_silent_s > FC_SILENT_S,
-        action: |_| Some(Mode::Land),
-        tells_end: true,
-        doc: "flight controller silent for 0.2 s while armed",
-        does: "Land; until it answers: sticks level, throttle 95 % of hover; after 8 s the arm switch is lowered",
-    },
-    Row {
-        because: Because::LoopHeld,
-        when: |f| f.is_flying && f.loop_gap_s > LOOP_HELD_S,
-        action: |_| Some(Mode::Land),
-        tells_end: false,
-        doc: "the flight loop itself was held up for more than 0.3 s in the air",
-        does: "Land, from the first tick that runs again",
-    },
-    Row {
-        because: Because::EstimatorFailed,
-        when: |f| f.is_flying && !f.has_attitude_and_height,
-        action: |_| Some(Mode::Land),
-        tells_end: true,
-        doc: "attitude or height unknown in the air",
-        does: "Land; without attitude: sticks level, throttle 95 % of hover; after 8 s the arm switch is lowered",
-    },
-    Row {
-        because: Because::NotLocalized,
-        when: |f| f.is_flying && f.search_s.is_some_and(|s| s > f.params.search_timeout_s),
-        action: |_| Some(Mode::Land),
-        tells_end: false,
-        doc: "search flight longer than LOC_SEARCH_T",
-        does: "Land",
-    },
-    Row {
-        because: Because::NotLocalized,
-        when: |f| {
-            f.is_flying
-                && f.search_s.is_none()
-                && f.not_localized_s > f.params.lost_timeout_s
-                && !matches!(f.mode, Mode::Stabilized | Mode::Altitude)
-        },
-        action: |_| Some(Mode::Land),
-        tells_end: true,
-        doc: "place unknown in the air for LOC_LOST_T in a mode that needs it",
-        does: "Land",
-    },
-    Row {
-        because: Because::RangersSilent,
-        when: |f| {
-            f.is_flying
-                && f.rangers_silent_s > RANGERS_SILENT_S
-                && !matches!(f.mode, Mode::Stabilized | Mode::Altitude)
-        },
-        action: |_| Some(Mode::Land),
-        tells_end: true,
-        doc: "no horizontal range finder for 1 s in a mode that avoids obstacles",
-        does: "Land",
-    },
-    Row {
-        because: Because::BatteryLow,
-        when: |f| {
-            f.is_flying
-                && f.battery
-                    .is_some_and(|b| b * 100.0 < f.params.battery_low_percent)
-        },
-        action: |f| (!matches!(f.mode, Mode::Land | Mode::Return)).then_some(Mode::Return),
-        tells_end: true,
-        doc: "battery below BAT_LOW_THR",
-        does: "Return, unless landing already",
-    },
-    Row {
-        because: Because::BatteryReserve,
-        when: |f| {
-            let reserve_s = f.params.battery_reserve_s;
-            f.is_flying && reserve_s > 0.0 && f.spare_s.is_some_and(|s| s < reserve_s)
-        },
-        action: |f| (!matches!(f.mode, Mode::Land | Mode::Return)).then_some(Mode::Return),
-        tells_end: false,
-        doc: "battery lasts less than KST_BAT_RESERVE longer than the way home and the landing take",
-        does: "Return, unless landing already",
-    },
-    Row {
-        because: Because::GroundLost,
-        when: |f| {
-            f.is_flying
-                && f.params.ground_loss_action != LossAction::Disabled
-                && f.ground_silent_s
-                    .is_some_and(|s| s > f.params.ground_loss_s)
-        },
-        action: |f| match f.params.ground_loss_action {
-            LossAction::Disabled => None,
-            LossAction::Hold => Some(Mode::Hold),
-            LossAction::Return => Some(Mode::Return),
-            LossAction::Land => Some(Mode::Land),
-        },
-        tells_end: true,
-        doc: "no ground station heartbeat for COM_DL_LOSS_T (only if one was ever heard)",
-        does: "NAV_DLL_ACT: Land by default",
-    },
-    Row {
-        because: Because::OffboardSilent,
-        when: |f| {
-            f.is_armed && f.mode == Mode::Offboard && f.offboard_silent_s > f.params.offboard_loss_s
-        },
-        action: |_| Some(Mode::Hold),
-        tells_end: false,
-        doc: "mode Offboard without a set point for COM_OF_LOSS_T",
-        does: "Hold",
-    },
-    Row {
-        because: Because::ManualSilent,
-        when: |f| {
-            f.is_flying
-                && f.mode.is_stick_mode()
-                && f.manual_silent_s > f.params.manual_loss_s + f.params.manual_hold_s
-        },
-        action: |_| Some(Mode::Hold),
-        tells_end: false,
-        doc: "stick mode without sticks for COM_RC_LOSS_T + KST_MAN_HOLD_T",
-        does: "Hold",
-    },
-];
-
 /// What the supervisor wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// A row began to fire: change to this mode and say why.
+    /// A row fires: change to this mode and say why.
     Act(Because, Mode),
+    /// A row fires: stop the motors and say why.
+    Stop(Because),
+    /// A row that only tells began to fire.
+    Tell(Because),
     /// A row stopped firing.
     Clear(Because),
 }
@@ -228,15 +49,21 @@ impl Supervisor {
     pub fn watch(&mut self, facts: &Facts<'_>, mut verdict: impl FnMut(Verdict)) {
         let mut decided = false;
         for (row, firing) in TABLE.iter().zip(&mut self.firing) {
-            let fires = (row.when)(facts);
-            if fires && !decided {
-                decided = true;
-                if let Some(mode) = (row.action)(facts)
-                    && mode != facts.mode
-                    && !is_safer(facts.mode, mode)
-                {
-                    verdict(Verdict::Act(row.because, mode));
+            let fires = row.counts.in_state(facts) && (row.when)(facts);
+            match (row.answer)(facts) {
+                Answer::Tell if fires && !*firing => verdict(Verdict::Tell(row.because)),
+                Answer::Mode(mode) if fires && !decided => {
+                    decided = true;
+                    if mode != facts.mode && !is_safer(facts.mode, mode) {
+                        verdict(Verdict::Act(row.because, mode));
+                    }
                 }
+                Answer::Stop if fires && !decided => {
+                    decided = true;
+                    verdict(Verdict::Stop(row.because));
+                }
+                Answer::Nothing if fires => decided = true,
+                _ => {}
             }
             if *firing && !fires && facts.is_flying && row.tells_end {
                 verdict(Verdict::Clear(row.because));
@@ -295,27 +122,10 @@ const fn is_safer(now: Mode, asked: Mode) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::door::HostReport;
+    use super::super::failsafes::tests::well;
+    use super::super::params::AutopilotParams;
     use super::*;
-
-    fn well(params: &AutopilotParams) -> Facts<'_> {
-        Facts {
-            mode: Mode::Hold,
-            is_flying: true,
-            is_armed: true,
-            has_attitude_and_height: true,
-            not_localized_s: 0.0,
-            search_s: None,
-            rangers_silent_s: 0.05,
-            ground_silent_s: Some(0.5),
-            offboard_silent_s: f64::INFINITY,
-            manual_silent_s: f64::INFINITY,
-            battery: Some(0.9),
-            spare_s: Some(400.0),
-            fc_silent_s: 0.01,
-            loop_gap_s: 0.025,
-            params,
-        }
-    }
 
     fn verdicts(facts: &Facts<'_>) -> Vec<Verdict> {
         let mut out = Vec::new();
@@ -331,7 +141,11 @@ mod tests {
     #[test]
     fn each_row_acts() {
         let p = AutopilotParams::default();
-        let cases: [(Facts<'_>, Verdict); 11] = [
+        let hot = HostReport {
+            temperature_c: Some(95.0),
+            ..HostReport::default()
+        };
+        let cases = [
             (
                 Facts {
                     fc_silent_s: 0.21,
@@ -416,6 +230,52 @@ mod tests {
         ];
         for (facts, expected) in cases {
             assert_eq!(verdicts(&facts), [expected]);
+        }
+        let flies = |change: &dyn Fn(&mut Facts<'_>)| {
+            let mut facts = well(&p);
+            change(&mut facts);
+            verdicts(&facts)
+        };
+        let land = |because| [Verdict::Act(because, Mode::Land)];
+        assert_eq!(
+            flies(&|f| f.toppled_s = 0.4),
+            [Verdict::Stop(Because::Toppled)]
+        );
+        assert_eq!(flies(&|f| f.tilted_s = 0.3), land(Because::Tilted));
+        assert_eq!(
+            flies(&|f| f.inconsistent_s = 1.1),
+            land(Because::Inconsistent)
+        );
+        assert_eq!(flies(&|f| f.jumps = 3), land(Because::PlaceJumps));
+        assert_eq!(flies(&|f| f.stuck_s = 3.1), land(Because::RangersStuck));
+        assert_eq!(
+            flies(&|f| f.battery = Some(0.05)),
+            land(Because::BatteryCritical)
+        );
+        assert_eq!(flies(&|f| f.sag_s = 1.1), land(Because::BatterySags));
+        assert_eq!(flies(&|f| f.missed_share = 0.5), land(Because::LoopOverrun));
+        assert_eq!(flies(&|f| f.fc_slow_s = 1.1), land(Because::FcSlow));
+        assert_eq!(flies(&|f| f.host = hot), land(Because::Hot));
+        let stuck_on_the_way = |mode| {
+            flies(&|f| {
+                f.mode = mode;
+                f.no_progress_s = 31.0;
+            })
+        };
+        assert_eq!(
+            stuck_on_the_way(Mode::Mission),
+            [Verdict::Act(Because::NoProgress, Mode::Hold)]
+        );
+        assert_eq!(stuck_on_the_way(Mode::Return), land(Because::NoProgress));
+        type Set = fn(&mut HostReport);
+        let told: [(Set, Because); 4] = [
+            (|h| h.is_throttled = true, Because::Throttled),
+            (|h| h.disk_fails = true, Because::DiskFails),
+            (|h| h.clock_jumped = true, Because::ClockJumped),
+            (|h| h.is_overloaded = true, Because::Overloaded),
+        ];
+        for (set, because) in told {
+            assert_eq!(flies(&|f| set(&mut f.host)), [Verdict::Tell(because)]);
         }
     }
 

@@ -1,7 +1,8 @@
 //! `kestrel fly`: the real thing.
 
+use super::camera::{CameraArgs, CameraSeat};
 use super::fc::passthrough::open_door;
-use super::session::{LogWatch, end_log};
+use super::session::end_log;
 use super::sim::{AirframeArg, StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
@@ -15,6 +16,7 @@ use bridge::io::bench_line::BenchLine;
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
 use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
+use bridge::io::host::HostWatch;
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
 use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
@@ -45,6 +47,8 @@ const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
 const LOOK: Duration = Duration::from_millis(2);
 /// A controller that has not said who it is after this does not hear us, or we not it.
 const FIRST_ANSWER: Duration = Duration::from_secs(6);
+/// What stopping the motors may take, and the frames that say so.
+const CUT: Duration = Duration::from_millis(200);
 /// Longest landing before the program ends anyway.
 const LANDING: Duration = Duration::from_secs(30);
 
@@ -107,9 +111,8 @@ pub(crate) struct FlyArgs {
     /// Meanwhile nothing can be flown. Whoever reaches it can do anything to the controller.
     #[arg(long, value_name = "URL")]
     passthrough: Option<String>,
-    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
-    #[arg(long, value_name = "URL")]
-    video: Option<String>,
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Open the console, the page in a browser, at this address (127.0.0.1:8443 if none is named). Other machines reach it only
     /// when somebody has a password: see `kestrel passwd`.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = console::DEFAULT)]
@@ -173,6 +176,8 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         boot_utc_us,
         documents,
     });
+    let listen = args.console.map(|a| a.ip());
+    let camera = args.camera.start(&mut ground, listen, None)?;
     let console_config = args.console.map(|listen| ConsoleConfig {
         listen,
         is_default: false,
@@ -183,6 +188,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         us: our_address(&settings),
         plan: Arc::clone(&plan),
         settings: settings.clone(),
+        camera: camera.desk(),
     });
     let config = FlightConfig {
         plan,
@@ -215,7 +221,6 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         ground.say(clock.now(), Severity::Warning, why);
     }
     ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
-    ground.set_video(super::video(args.video.as_deref())?);
     if let Some(feed) = suite.mavlink {
         ground.listen_to_sensors(feed);
     }
@@ -254,6 +259,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         handle,
         links,
         console,
+        camera: Some(camera),
         keep,
         log,
         tap: ground_tap,
@@ -485,6 +491,7 @@ fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         handle,
         links,
         console: None,
+        camera: None,
         keep,
         log: None,
         tap: None,
@@ -547,7 +554,7 @@ fn place_name(map: &Path) -> String {
 }
 
 /// What this machine is called by others.
-fn host_names() -> Vec<String> {
+pub(crate) fn host_names() -> Vec<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim().to_ascii_lowercase();
     if name.is_empty() {
@@ -574,6 +581,7 @@ struct GroundLoop {
     handle: FlightHandle,
     links: Links,
     console: Option<Console>,
+    camera: Option<CameraSeat>,
     keep: Keep,
     log: Option<LogThread>,
     tap: Option<GroundTap>,
@@ -604,10 +612,17 @@ impl GroundLoop {
         let mut was_connected = false;
         let mut opened_at = Timestamp::ZERO;
         let mut stopping_since: Option<Timestamp> = None;
-        let mut log_watch = LogWatch::default();
+        let pulse = self.handle.pulse();
+        if let Err(e) = bridge::io::watchdog::start(Arc::clone(&pulse)) {
+            self.terminal
+                .line(&format!("  systemd's watchdog cannot be told: {e}"));
+        }
+        let mut host_watch = HostWatch::default();
+        let mut host_pace = Pace::hz(1.0);
         // Made at first use, which would hold up the first station that asks.
         std::thread::spawn(bridge::gcs::metadata::general_crc);
         loop {
+            pulse.ground();
             let mut event = self.links.wait(LOOK);
             for _ in 0..256 {
                 let Some(e) = event.take() else { break };
@@ -664,6 +679,9 @@ impl GroundLoop {
                 }
                 self.carry_out();
             }
+            while let Some(line) = self.camera.as_ref().and_then(CameraSeat::poll_told) {
+                self.terminal.line(&format!("  {line}"));
+            }
             while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
                 self.terminal.line(&format!("  {text}"));
             }
@@ -681,8 +699,10 @@ impl GroundLoop {
                 self.ground.snapshot(now, &snapshot);
                 self.record(|| GroundRecord::Snapshot(Box::new(snapshot.clone())));
             }
-            if let Some(text) = log_watch.news(self.log.as_ref()) {
-                self.ground.say(now, Severity::Warning, text);
+            if host_pace.is_due(now) {
+                let disk_fails = self.log.as_ref().is_some_and(LogThread::is_failing);
+                let dropped = self.ground.counters().dropped_answers;
+                self.handle.tell_host(host_watch.look(disk_fails, dropped));
             }
             if self.ground.deadline() <= now {
                 self.ground.tick(now);
@@ -709,7 +729,7 @@ impl GroundLoop {
                 (1, None) => {
                     stopping_since = Some(now);
                     self.terminal
-                        .line("  Stopping: landing first (Ctrl-C again ends at once)");
+                        .line("  Stopping: landing first (Ctrl-C again stops the motors at once)");
                     let asked = Asked {
                         id: RequestId(0),
                         station: Station::default(),
@@ -724,7 +744,10 @@ impl GroundLoop {
                         break;
                     }
                 }
-                _ => break,
+                _ => {
+                    self.cut_motors(&mut snapshot);
+                    break;
+                }
             }
         }
         if let Some(log) = self.log.take() {
@@ -732,6 +755,28 @@ impl GroundLoop {
         }
         self.terminal.finish();
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Whoever asks twice wants it still, wherever it is.
+    fn cut_motors(&mut self, snapshot: &mut Snapshot) {
+        let asked = Asked {
+            id: RequestId(0),
+            station: Station::default(),
+            request: Request::Disarm { force: true },
+        };
+        let _ = self.handle.ask(asked);
+        let until = self.clock.now() + CUT;
+        while snapshot.is_armed && self.clock.now() < until {
+            clock::sleep(LOOK);
+            self.handle.read_snapshot(snapshot);
+        }
+        self.terminal.line(if snapshot.is_armed {
+            "  The motors could not be stopped: the flight controller's own failsafe decides"
+        } else {
+            "  Motors stopped"
+        });
+        // The frame that says so must reach the controller before its line is closed.
+        clock::sleep(CUT);
     }
 
     /// Shows the vehicle to the console's pages.

@@ -1,7 +1,11 @@
 //! Sub-commands of the program, one file each.
 
+pub(crate) mod camera;
+pub(crate) mod console;
 pub(crate) mod demo;
+pub(crate) mod doctor;
 pub(crate) mod eval;
+pub(crate) mod experiment;
 pub(crate) mod fc;
 pub(crate) mod firmware;
 pub(crate) mod fly;
@@ -28,6 +32,8 @@ pub(crate) mod stop;
 pub(crate) mod term;
 pub(crate) mod tune;
 pub(crate) mod uquad;
+#[cfg(feature = "video")]
+pub(crate) mod video;
 
 use anyhow::{Context as _, Result};
 use bridge::gcs::camera::VideoStream;

@@ -1,26 +1,27 @@
 //! `kestrel passwd`: users of the console.
 
 use super::Usage;
-use super::fly::state_folder;
+use super::fly::{host_names, state_folder};
 use super::term::Terminal;
 use anyhow::{Context as _, Result, anyhow};
 use bridge::web::Role;
+use bridge::web::key::MachineKey;
 use bridge::web::ledger::{Books, FILE};
-use bridge::web::password;
+use bridge::web::{certificate_pin, console, password};
 use clap::Args;
 use rustix::termios::{LocalModes, OptionalActions, Termios, isatty, tcgetattr, tcsetattr};
 use std::io::{BufRead as _, Write as _, stderr, stdin};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Make or change a user of the console.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The password is asked for, or read from standard input (one line).\n\nExamples:\n  kestrel passwd ana --role admin\n  kestrel passwd guard --role viewer --state-dir /var/lib/kestrel\n  kestrel passwd --list\n  kestrel passwd guard --remove"
+    after_help = "The password is asked for, or read from standard input (one line).\n\nExamples:\n  kestrel passwd ana --role admin\n  kestrel passwd guard --role viewer --state-dir /var/lib/kestrel\n  kestrel passwd --list\n  kestrel passwd guard --remove\n  kestrel passwd --key guardhouse              a key for `kestrel console` on another machine\n  kestrel passwd --key guardhouse --remove\n\nA running program notices within a second: open sessions of a changed or removed user end."
 )]
 pub(crate) struct PasswdArgs {
     /// Log-in name.
-    #[arg(value_name = "NAME", required_unless_present = "list")]
+    #[arg(value_name = "NAME", required_unless_present_any = ["list", "key"])]
     name: Option<String>,
     /// What the user may do: viewer (watch, stop), pilot (fly), engineer (parameters, logs), admin (users). A new user
     /// is a viewer.
@@ -29,11 +30,18 @@ pub(crate) struct PasswdArgs {
     /// Folder of the accounts; default: $XDG_STATE_HOME/kestrel or ~/.local/state/kestrel.
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
-    /// Remove the user.
+    /// Make a key by which a console off the drone (`kestrel console`) opens this one, instead of a user. It is printed once. Its
+    /// role is the most its users may do here: engineer unless said otherwise.
+    #[arg(long, value_name = "NAME", conflicts_with = "name")]
+    key: Option<String>,
+    /// Days the key is good for.
+    #[arg(long, value_name = "N", default_value_t = 365, requires = "key")]
+    days: u32,
+    /// Remove the user or the key.
     #[arg(long, conflicts_with = "role")]
     remove: bool,
-    /// List users and their roles.
-    #[arg(long, conflicts_with_all = ["name", "role", "remove"])]
+    /// List users and keys with their roles.
+    #[arg(long, conflicts_with_all = ["name", "key", "role", "remove"])]
     list: bool,
 }
 
@@ -53,7 +61,13 @@ pub(crate) fn run(args: &PasswdArgs) -> Result<ExitCode> {
         for user in books.users()? {
             terminal.line(&format!("{:<20} {}", user.name, user.role));
         }
+        for key in books.keys()? {
+            terminal.line(&format!("{:<20} {} (key)", key.name, key.role));
+        }
         return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(name) = &args.key {
+        return run_key(args, name, &books, &folder, &mut terminal);
     }
     let name = args.name.as_deref().unwrap_or_default();
     if args.remove {
@@ -63,13 +77,13 @@ pub(crate) fn run(args: &PasswdArgs) -> Result<ExitCode> {
         terminal.line(&format!("{name} is removed"));
         return Ok(ExitCode::SUCCESS);
     }
-    let is_new = books.secret(name)?.is_none();
+    let is_new = books.account(name)?.is_none();
     let password = ask(name)?;
     let hash = password::hash(&password).map_err(|e| Usage(e.clone()))?;
     books.set_user(name, Some(&hash), args.role, None, None)?;
     let role = books
-        .secret(name)?
-        .map_or(Role::Viewer, |(_, _, role)| role);
+        .account(name)?
+        .map_or(Role::Viewer, |account| account.role);
     terminal.line(&format!(
         "{name} ({role}) {}",
         if is_new {
@@ -78,6 +92,45 @@ pub(crate) fn run(args: &PasswdArgs) -> Result<ExitCode> {
             "has a new password"
         }
     ));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Makes a key and prints where this machine is with it, or removes one.
+fn run_key(
+    args: &PasswdArgs,
+    name: &str,
+    books: &Books,
+    folder: &Path,
+    terminal: &mut Terminal,
+) -> Result<ExitCode> {
+    if args.remove {
+        if !books.remove_key(name)? {
+            return Err(anyhow!("there is no key `{name}`"));
+        }
+        terminal.line(&format!("the key {name} is removed"));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let is_plain = (1..=24).contains(&name.len())
+        && name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || "._-".contains(c));
+    if !is_plain {
+        return Err(
+            Usage("a key's name is 1 to 24 letters, digits, dots, dashes".to_owned()).into(),
+        );
+    }
+    let names = host_names();
+    let pin = certificate_pin(folder, &names)
+        .map_err(|e| anyhow!("the console has no certificate: {e}"))?;
+    let key = MachineKey::new(password::random().context("no random numbers")?);
+    books.set_key(name, &key, args.role.unwrap_or(Role::Engineer), args.days)?;
+    let host = names.first().map_or("THIS-MACHINE", String::as_str);
+    terminal.line(&format!(
+        "https://{host}:{}/#key={}&pin={pin}",
+        console::PORT,
+        key.to_hex()
+    ));
+    terminal.line("Give this to `kestrel console --vehicle` (or its page, tab People); it is not shown again.");
     Ok(ExitCode::SUCCESS)
 }
 

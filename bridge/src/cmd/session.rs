@@ -1,9 +1,10 @@
 //! A simulated vehicle behind sockets until somebody says stop.
 
+use super::camera::CameraSeat;
 use super::stop::Stop;
 use super::term::Terminal;
 use anyhow::Result;
-use bridge::autopilot::door::{Severity, Snapshot};
+use bridge::autopilot::door::{HostReport, Snapshot};
 use bridge::autopilot::flight::Flight;
 use bridge::autopilot::ground::Ground;
 use bridge::gcs::disk::{DiskReply, Ticket};
@@ -17,6 +18,7 @@ use bridge::io::logger::LogThread;
 use bridge::io::net::{LinkEvent, Links};
 use bridge::io::uquad_lockstep::UquadLockstep;
 use bridge::web::{Console, Picture};
+use sim::camera::Shot;
 use std::collections::BTreeSet;
 use std::io::Write as _;
 use std::process::ExitCode;
@@ -60,26 +62,6 @@ const FIRMWARE_CATCH_UP: Duration = Duration::from_millis(10);
 /// Longest landing before the program ends anyway, virtual time.
 const LANDING: Duration = Duration::from_secs(30);
 
-/// Tells once when logging fails, and when it goes on.
-#[derive(Debug, Default)]
-pub(crate) struct LogWatch {
-    was_failing: bool,
-}
-
-impl LogWatch {
-    /// What the pilots should know, if anything changed.
-    pub(crate) fn news(&mut self, log: Option<&LogThread>) -> Option<&'static str> {
-        let is_failing = log.is_some_and(LogThread::is_failing);
-        let changed = is_failing != self.was_failing;
-        self.was_failing = is_failing;
-        changed.then_some(if is_failing {
-            "Disk full: this flight is not being logged"
-        } else {
-            "Logging again"
-        })
-    }
-}
-
 /// Ends a log and says if something is missing in it.
 pub(crate) fn end_log(log: LogThread, terminal: &mut Terminal) {
     let status = log.status();
@@ -111,14 +93,16 @@ pub(crate) trait World {
     fn advance(&mut self, until: Timestamp);
     fn snapshot(&self) -> &Snapshot;
     fn ground(&self) -> &Ground;
-    fn ground_mut(&mut self) -> &mut Ground;
     fn link_up(&mut self, link: LinkId);
     fn link_down(&mut self, link: LinkId);
     fn receive(&mut self, link: LinkId, bytes: &[u8], is_datagram: bool);
     fn disk(&mut self, ticket: Ticket, reply: &DiskReply);
     fn shut_down(&mut self);
+    fn host(&mut self, report: HostReport);
     fn poll(&mut self) -> Option<Outgoing>;
     fn flush(&mut self);
+    /// What its camera sees.
+    fn shot(&self) -> Shot;
     fn write_error(&mut self) -> Option<std::io::Error>;
     /// The brain, if it is the one whose thoughts the console shows.
     fn flight(&self) -> Option<&Flight> {
@@ -150,9 +134,6 @@ macro_rules! world {
             fn ground(&self) -> &Ground {
                 &self.ground
             }
-            fn ground_mut(&mut self) -> &mut Ground {
-                &mut self.ground
-            }
             fn link_up(&mut self, link: LinkId) {
                 <$world>::link_up(self, link);
             }
@@ -168,11 +149,17 @@ macro_rules! world {
             fn shut_down(&mut self) {
                 <$world>::shut_down(self);
             }
+            fn host(&mut self, report: HostReport) {
+                <$world>::host(self, report);
+            }
             fn poll(&mut self) -> Option<Outgoing> {
                 <$world>::poll(self)
             }
             fn flush(&mut self) {
                 <$world>::flush(self);
+            }
+            fn shot(&self) -> Shot {
+                self.simulator.shot(0)
             }
             fn write_error(&mut self) -> Option<std::io::Error> {
                 self.write_error.take()
@@ -200,6 +187,7 @@ pub(crate) struct Session<W> {
     pub(crate) lockstep: W,
     pub(crate) links: Links,
     pub(crate) console: Option<Console>,
+    pub(crate) camera: CameraSeat,
     pub(crate) keep: Keep,
     pub(crate) log: Option<LogThread>,
     pub(crate) terminal: Terminal,
@@ -220,7 +208,7 @@ impl<W: World> Session<W> {
         std::thread::spawn(bridge::gcs::metadata::general_crc);
         let mut stopping_since: Option<Timestamp> = None;
         let mut behind = Duration::ZERO;
-        let mut log_watch = LogWatch::default();
+        let mut was_failing = false;
         let (slice, catch_up) = if self.lockstep.firmware().is_some() {
             (sim::STEP, FIRMWARE_CATCH_UP)
         } else {
@@ -249,8 +237,13 @@ impl<W: World> Session<W> {
             while let Some(news) = self.lockstep.firmware().and_then(|f| f.poll_news()) {
                 self.terminal.line(&format!("  {news}"));
             }
-            if let Some(text) = log_watch.news(self.log.as_ref()) {
-                self.lockstep.ground_mut().say(now, Severity::Warning, text);
+            let disk_fails = self.log.as_ref().is_some_and(LogThread::is_failing);
+            if disk_fails != was_failing {
+                was_failing = disk_fails;
+                self.lockstep.host(HostReport {
+                    disk_fails,
+                    ..HostReport::default()
+                });
             }
             self.terminal
                 .texts(self.lockstep.ground(), &mut texts_shown);
@@ -328,6 +321,11 @@ impl<W: World> Session<W> {
 
     /// Shows the vehicle to the console's pages.
     fn show(&mut self, known: &BTreeSet<LinkId>) {
+        let world = &self.lockstep;
+        self.camera.show(|| Some(world.shot()));
+        while let Some(line) = self.camera.poll_told() {
+            self.terminal.line(&format!("  {line}"));
+        }
         let Some(console) = &mut self.console else {
             return;
         };

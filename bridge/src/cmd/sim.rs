@@ -1,5 +1,6 @@
 //! `kestrel sim`: a drone in a simulated room, in real time, for ordinary ground stations.
 
+use super::camera::{CameraArgs, CameraSeat};
 use super::session::{DEFAULT_LINKS, Session};
 use super::stop::Stop;
 use super::term::Terminal;
@@ -20,7 +21,7 @@ use bridge::log::record::LogSink;
 use bridge::settings::{Origin, Settings};
 use bridge::web::{Console, ConsoleConfig, console};
 use clap::{Args, ValueEnum};
-use sim::{Delivery, Manner, Room, SimConfig, VehicleConfig, Walker};
+use sim::{Delivery, Manner, Room, SimConfig, Simulator, VehicleConfig, Walker};
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -101,9 +102,8 @@ pub(crate) struct SimArgs {
     /// MAVLink endpoint (repeatable); replaces the default set.
     #[arg(long, value_name = "URL")]
     pub(crate) mavlink: Vec<String>,
-    /// Where the picture of the camera is to be had: rtsp://..., or udp://:PORT for RTP. Stations are told; it is another program's.
-    #[arg(long, value_name = "URL")]
-    pub(crate) video: Option<String>,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
     /// Write truth beside estimate, 50 rows a second (CSV).
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: Option<PathBuf>,
@@ -177,7 +177,7 @@ impl Default for SimArgs {
             fc_dir: None,
             no_provision: false,
             mavlink: Vec::new(),
-            video: None,
+            camera: CameraArgs::default(),
             truth: None,
             log: None,
             state_dir: None,
@@ -513,19 +513,31 @@ impl SimArgs {
         })
     }
 
+    /// Where the console listens, unless it is not wanted.
+    fn console_address(&self) -> Option<SocketAddr> {
+        let default = SocketAddr::from(([127, 0, 0, 1], console::PORT + 10 * self.instance));
+        (!self.no_console).then_some(self.console.unwrap_or(default))
+    }
+
+    /// The camera, as the arguments name it.
+    fn start_camera(&self, ground: &mut Ground, simulator: &Simulator) -> Result<CameraSeat> {
+        let listen = self.console_address().map(|a| a.ip());
+        self.camera.start(ground, listen, Some(simulator.scenery()))
+    }
+
     /// The console, unless it is not wanted.
     fn console(
         &self,
         ground: &Ground,
         plan: Arc<FloorPlan>,
         links: &Links,
+        camera: &CameraSeat,
     ) -> Result<Option<Console>> {
-        if self.no_console {
+        let Some(listen) = self.console_address() else {
             return Ok(None);
-        }
-        let default = SocketAddr::from(([127, 0, 0, 1], console::PORT + 10 * self.instance));
+        };
         let config = ConsoleConfig {
-            listen: self.console.unwrap_or(default),
+            listen,
             is_default: self.console.is_none(),
             state_dir: self.state_dir.clone(),
             has_link: self.console.is_none_or(|a| a.ip().is_loopback()),
@@ -534,6 +546,7 @@ impl SimArgs {
             us: our_address(ground.settings()),
             plan,
             settings: ground.settings().clone(),
+            camera: camera.desk(),
         };
         Ok(Some(Console::start(config, links.joint())?))
     }
@@ -597,7 +610,6 @@ impl SimArgs {
         } else {
             parse_endpoints(&self.mavlink)?
         };
-        ground.set_video(super::video(self.video.as_deref())?);
         ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
         let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
         let us = our_address(ground.settings());
@@ -681,12 +693,15 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     if args.airframe == AirframeArg::Uquad {
         let (mut lockstep, keep) = args.build_uquad()?;
         let links = args.links(&mut lockstep.ground)?;
-        let console = args.console(&lockstep.ground, lockstep.simulator.floor_plan(), &links)?;
+        let camera = args.start_camera(&mut lockstep.ground, &lockstep.simulator)?;
+        let plan = lockstep.simulator.floor_plan();
+        let console = args.console(&lockstep.ground, plan, &links, &camera)?;
         let terminal = args.greet(&links);
         return Session {
             lockstep,
             links,
             console,
+            camera,
             keep,
             log: None,
             terminal,
@@ -707,7 +722,9 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
     } = args.build(when_full)?;
     let links = args.links(&mut lockstep.ground)?;
     // After the links: a ground station hears the first heartbeat without waiting for a certificate.
-    let console = args.console(&lockstep.ground, lockstep.simulator.floor_plan(), &links)?;
+    let camera = args.start_camera(&mut lockstep.ground, &lockstep.simulator)?;
+    let plan = lockstep.simulator.floor_plan();
+    let console = args.console(&lockstep.ground, plan, &links, &camera)?;
     let mut terminal = args.greet(&links);
     if let Some(firmware) = firmware::start(&args, &mut terminal)? {
         lockstep.fly_by(firmware);
@@ -719,6 +736,7 @@ pub(crate) fn run(args: SimArgs) -> Result<ExitCode> {
         lockstep,
         links,
         console,
+        camera,
         keep,
         log,
         terminal,

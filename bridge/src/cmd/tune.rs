@@ -20,6 +20,10 @@ use vehicle::airframe::GRAVITY_MPS2;
 const HEIGHT_M: f64 = 1.0;
 /// Between two set points.
 const SLICE: Duration = Duration::from_millis(25);
+/// Slices whose mean thrust is hover.
+const HOVER_SLICES: u32 = 80;
+/// The relay's push evens itself out: what it pushes more to one side than to the other moves its middle there, 1/s.
+const EVEN_PER_S: f64 = 0.12;
 /// Push of the relay, m/s2, and hysteresis, m/s.
 const PUSH_MPS2: f64 = 1.2;
 const HYSTERESIS_MPS: f64 = 0.04;
@@ -106,8 +110,14 @@ impl Flown {
         flown.until("take-off height", 25.0, |w| {
             w.snapshot().mode.mode == Mode::Hold && w.snapshot().nav.height_m > HEIGHT_M - 0.15
         })?;
-        flown.pass(8.0);
-        flown.hover_thrust = flown.world.snapshot().thrust_target;
+        flown.pass(6.0);
+        // One moment's thrust has the height loop's last word in it: the mean of some is hover.
+        let mut sum = 0.0;
+        for _ in 0..HOVER_SLICES {
+            flown.pass(SLICE.as_secs_f64());
+            sum += flown.world.snapshot().thrust_target;
+        }
+        flown.hover_thrust = sum / f64::from(HOVER_SLICES);
         Ok(flown)
     }
 
@@ -136,6 +146,7 @@ impl Flown {
         let mut relay = Relay::new(PUSH_MPS2, HYSTERESIS_MPS);
         let mut rows = Vec::new();
         let mut is_first = true;
+        let mut middle_mps2 = 0.0;
         while self.world.now().s() - begin < RELAY_S {
             let nav = self.world.snapshot().nav;
             let (s, c) = (libm::sin(yaw_rad), libm::cos(yaw_rad));
@@ -155,10 +166,11 @@ impl Flown {
                     let back = (0.2 * (height_m + nav.position.z())).clamp(-0.06, 0.06);
                     let value = climb - back;
                     let push = relay.step(value);
+                    middle_mps2 += EVEN_PER_S * push * SLICE.as_secs_f64();
                     let off = start.position - nav.position;
                     let home = (off.x() * c + off.y() * s) * 1.2 - forward * 1.8;
                     let pitch = -libm::atan(home.clamp(-1.0, 1.0) / GRAVITY_MPS2);
-                    (value, (push, push), pitch)
+                    (value, (push, push + middle_mps2), pitch)
                 }
             };
             let (push, up_mps2) = lift;

@@ -1,6 +1,6 @@
 //! The camera component: says where the picture is to be had, takes none itself.
 //!
-//! There is a component 100 only where a stream was named (`--video URL`); the stream is another program's. Pictures, recording, zoom and
+//! There is a component 100 only where a stream was named (`--video URL`, another program's) or sent (`--video-to`). Pictures, recording, zoom and
 //! focus are UNSUPPORTED at once; without a stream there is nobody to ask.
 //!
 //! | Asked | Answer |
@@ -39,11 +39,23 @@ const VIDEO_STREAM_INFORMATION: u32 = 269;
 const VIDEO_STREAM_STATUS: u32 = 270;
 
 /// Where a picture is to be had.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct VideoStream {
     kind: Kind,
     /// As VIDEO_STREAM_INFORMATION carries it: the URL, of RTP the port.
     uri: String,
+    facts: Facts,
+}
+
+/// What VIDEO_STREAM_INFORMATION says beside the place; zero = not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Facts {
+    /// Pixels.
+    size: [u16; 2],
+    /// Pictures a second.
+    fps: f32,
+    /// Bits a second.
+    bits_per_s: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +97,25 @@ impl VideoStream {
         if rest.is_empty() || uri.len() > 160 || !uri.is_ascii() {
             return Err(wrong());
         }
-        Ok(Self { kind, uri })
+        Ok(Self {
+            kind,
+            uri,
+            facts: Facts::default(),
+        })
+    }
+
+    /// RTP with H.264 that we send to a port of the station ourselves. `size`: pixels, if known already.
+    #[must_use]
+    pub fn rtp(port: u16, size: Option<[u16; 2]>, fps: f32, bits_per_s: u32) -> Self {
+        Self {
+            kind: Kind::Rtp,
+            uri: port.to_string(),
+            facts: Facts {
+                size: size.unwrap_or_default(),
+                fps,
+                bits_per_s,
+            },
+        }
     }
 }
 
@@ -188,11 +218,18 @@ impl Camera {
 
 fn tell(now: Timestamp, id: u32, stream: &VideoStream) -> Option<MavMessage> {
     let time_boot_ms = now.boot_ms();
+    let Facts {
+        size: [resolution_h, resolution_v],
+        fps: framerate,
+        bits_per_s: bitrate,
+    } = stream.facts;
     Some(match id {
         CAMERA_INFORMATION => MavMessage::CAMERA_INFORMATION(CAMERA_INFORMATION_DATA {
             time_boot_ms,
             vendor_name: padded(b"Kestrel"),
             model_name: padded(b"video stream"),
+            resolution_h,
+            resolution_v,
             flags: CameraCapFlags::CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM,
             ..Default::default()
         }),
@@ -224,6 +261,10 @@ fn tell(now: Timestamp, id: u32, stream: &VideoStream) -> Option<MavMessage> {
                     Kind::MpegTs => VideoStreamType::VIDEO_STREAM_TYPE_MPEG_TS,
                 },
                 flags: VideoStreamStatusFlags::VIDEO_STREAM_STATUS_FLAGS_RUNNING,
+                framerate,
+                resolution_h,
+                resolution_v,
+                bitrate,
                 name: "front".into(),
                 uri: stream.uri.as_str().into(),
                 encoding: VideoStreamEncoding::VIDEO_STREAM_ENCODING_H264,
@@ -233,6 +274,10 @@ fn tell(now: Timestamp, id: u32, stream: &VideoStream) -> Option<MavMessage> {
         VIDEO_STREAM_STATUS => MavMessage::VIDEO_STREAM_STATUS(VIDEO_STREAM_STATUS_DATA {
             stream_id: 1,
             flags: VideoStreamStatusFlags::VIDEO_STREAM_STATUS_FLAGS_RUNNING,
+            framerate,
+            resolution_h,
+            resolution_v,
+            bitrate,
             ..Default::default()
         }),
         _ => return None,

@@ -557,5 +557,76 @@ mod tests {
                 prop_assert!((245..249).filter(|s| t.may(*s)).count() <= 1);
             }
         }
+
+        /// The lock's automaton after every single event: exactly one owner or none, whom alone it lets through; each ownership has
+        /// a number of its own; nobody loses control against his will who is there and did not allow it.
+        #[test]
+        fn one_owner_at_every_instant_and_each_ownership_has_its_own_lease(
+            is_open in any::<bool>(),
+            steps in prop::collection::vec((0usize..4, 0u8..6, 0u64..1_200), 0..120),
+        ) {
+            let policy = if is_open { ControlPolicy::Open } else { ControlPolicy::Exclusive };
+            let mut t = Table::new(policy);
+            // Three stations, and one that has the number of the first on another link.
+            let at = |link: u32, system| Peer { link: LinkId::of(1, link), ..station(system) };
+            let peers = [at(1, 245), at(2, 246), at(3, 247), at(4, 245)];
+            let (mut heard, mut allows) = ([Timestamp::ZERO; 4], false);
+            let mut leases = std::collections::BTreeSet::from([0]);
+            let mut before = t.control.control();
+            for (who, what, ms) in steps {
+                let mut is_gone = false;
+                match what {
+                    0..=2 => {
+                        // Gives back, asks, asks and lets anybody take over.
+                        let message = request(u8::from(what > 0), u8::from(what == 2));
+                        t.control.handle(t.now, peers[who], &message, &mut t.out);
+                    }
+                    3 | 4 => {
+                        let beat = Message::Raw(raw::MavMessage::HEARTBEAT(raw::HEARTBEAT_DATA::default()));
+                        t.control.handle(t.now, peers[who], &beat, &mut t.out);
+                        heard[who] = t.now;
+                    }
+                    _ => {
+                        t.control.link_down(peers[who].link);
+                        is_gone = before.owner.is_some_and(|(link, _)| link == peers[who].link);
+                        t.tick(0);
+                    }
+                }
+                for (event, silent) in [(true, false), (false, true)] {
+                    if silent {
+                        t.tick(ms);
+                    }
+                    let now = t.control.control();
+                    let admitted: Vec<usize> = (0..4).filter(|i| t.control.admits(peers[*i], &t.bench.ctx())).collect();
+                    let owner = now.owner.map(|(link, _)| (0..4).find(|i| peers[*i].link == link).unwrap());
+                    match owner {
+                        Some(owner) => prop_assert_eq!(admitted, vec![owner]),
+                        None => prop_assert_eq!(admitted.len(), if is_open { 4 } else { 0 }),
+                    }
+                    prop_assert_eq!(t.control.main_system(), now.owner.map_or(0, |(_, system)| system));
+                    if now.owner != before.owner {
+                        prop_assert!(now.lease > before.lease && leases.insert(now.lease), "{} again", now.lease);
+                        if let Some((link, _)) = before.owner {
+                            let owner = (0..4).find(|i| peers[*i].link == link).unwrap();
+                            let is_own_word = event && owner == who && what <= 2;
+                            let was_silent = t.now.since(heard[owner]) >= OWNER_SILENT;
+                            prop_assert!(is_own_word || allows || is_gone || was_silent, "{owner} lost it");
+                        }
+                    } else {
+                        prop_assert!(now.lease == before.lease || now.owner.is_some());
+                    }
+                    // Asking is being heard.
+                    if event && (1..=2).contains(&what) && now.owner.map(|(link, _)| link) == Some(peers[who].link) {
+                        heard[who] = t.now;
+                    }
+                    // Who waited and is granted is heard in that moment.
+                    if now.owner != before.owner && let Some(owner) = owner {
+                        heard[owner] = t.now;
+                    }
+                    allows = now.is_open;
+                    before = now;
+                }
+            }
+        }
     }
 }

@@ -93,8 +93,13 @@ impl PatrolReport {
             Event::ItemReached(seq) => self.reached(now, *seq, ctx, out),
             Event::Mode(state) => {
                 let mission = ctx.snapshot.mission;
-                let for_battery =
-                    matches!(state.because, Because::BatteryLow | Because::BatteryReserve);
+                let for_battery = matches!(
+                    state.because,
+                    Because::BatteryLow
+                        | Because::BatteryReserve
+                        | Because::BatteryCritical
+                        | Because::BatterySags
+                );
                 if for_battery && ctx.snapshot.mode.mode == Mode::Mission && mission.total > 0 {
                     let text = format!(
                         "Mission stopped at item {} for the battery; mode Mission resumes there",

@@ -1,7 +1,7 @@
 //! The only reader of the clock.
 
 use rustix::time::{ClockId, Timespec, clock_gettime};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use vehicle::Timestamp;
 
 /// Monotonic time since the program began, at a chosen speed.
@@ -57,6 +57,16 @@ impl Clock {
 pub fn monotonic_ns() -> u64 {
     let t = clock_gettime(ClockId::Monotonic);
     (t.tv_sec as u64) * 1_000_000_000 + t.tv_nsec as u64
+}
+
+/// Now, for libraries that are handed the time as an `Instant`.
+#[must_use]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "this file is where the clock is read"
+)]
+pub fn instant() -> Instant {
+    Instant::now()
 }
 
 /// Processor time of the calling thread, ns.

@@ -13,7 +13,8 @@ use super::line::{Line, LineError};
 use super::logger::FlightTap;
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
-use crate::autopilot::door::{Answer, Asked, Event, Snapshot};
+use super::watchdog::Pulse;
+use crate::autopilot::door::{Answer, Asked, Event, HostReport, Snapshot};
 use crate::autopilot::flight::Flight;
 use crate::autopilot::insight::Insight;
 use crate::autopilot::io::{FcBytes, Input, Output};
@@ -39,6 +40,8 @@ const SAMPLES: usize = 512;
 const SAMPLES_A_ROUND: usize = 64;
 /// Answers and events that wait for the ground at most.
 pub(super) const NEWS: usize = 1024;
+/// Reports about the computer that wait at most.
+pub(super) const REPORTS: usize = 4;
 /// Pause before a lost line is opened again.
 const REOPEN: Duration = Duration::from_millis(500);
 /// Bytes taken from the kernel at once.
@@ -69,6 +72,8 @@ pub enum News {
 #[derive(Debug)]
 pub struct FlightHandle {
     requests: SyncSender<Asked>,
+    host: SyncSender<HostReport>,
+    pulse: Arc<Pulse>,
     wake: Arc<OwnedFd>,
     news: Receiver<News>,
     snapshot: Arc<Mutex<Snapshot>>,
@@ -155,6 +160,8 @@ impl FlightHandle {
     /// Of a thread whose line nobody may borrow.
     pub(super) fn without_line(
         requests: SyncSender<Asked>,
+        host: SyncSender<HostReport>,
+        pulse: Arc<Pulse>,
         wake: Arc<OwnedFd>,
         news: Receiver<News>,
         snapshot: Arc<Mutex<Snapshot>>,
@@ -162,6 +169,8 @@ impl FlightHandle {
         let inlet_wake = Arc::clone(&wake);
         Self {
             requests,
+            host,
+            pulse,
             wake,
             news,
             snapshot,
@@ -193,6 +202,18 @@ impl FlightHandle {
         let taken = self.requests.try_send(asked).is_ok();
         wake_up(&self.wake);
         taken
+    }
+
+    /// What the loops show of themselves, for the watchdog.
+    #[must_use]
+    pub fn pulse(&self) -> Arc<Pulse> {
+        Arc::clone(&self.pulse)
+    }
+
+    /// Tells how the computer is; the next report makes up for one that is lost.
+    pub fn tell_host(&self, report: HostReport) {
+        let _ = self.host.try_send(report);
+        wake_up(&self.wake);
     }
 
     /// The next news, without waiting.
@@ -235,6 +256,8 @@ pub fn start(
     let (samples, sensed) = sync_channel(SAMPLES);
     let alive = Arc::new(());
     let (tell, news) = sync_channel(NEWS);
+    let (host, reports) = sync_channel(REPORTS);
+    let pulse = Arc::<Pulse>::default();
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
@@ -248,6 +271,8 @@ pub fn start(
     let (lender, borrower) = lending(&wake);
     let handle = FlightHandle {
         requests,
+        host,
+        pulse: Arc::clone(&pulse),
         wake: Arc::clone(&wake),
         news,
         snapshot: Arc::clone(&snapshot),
@@ -267,6 +292,8 @@ pub fn start(
         lines,
         lender,
         asked,
+        reports,
+        pulse,
         sensed,
         _alive: alive,
         tell,
@@ -441,6 +468,8 @@ struct Shell {
     lines: Receiver<Line>,
     lender: Lender,
     asked: Receiver<Asked>,
+    reports: Receiver<HostReport>,
+    pulse: Arc<Pulse>,
     sensed: Receiver<Sample>,
     /// Held by this thread as long as it runs.
     _alive: Arc<()>,
@@ -467,6 +496,7 @@ impl Shell {
         let _ = self.want_line.try_send(());
         loop {
             self.publish();
+            self.pulse.flight(self.was_armed);
             self.wait();
             self.lend_line();
             self.take_line();
@@ -479,6 +509,9 @@ impl Shell {
             }
             while let Ok(result) = self.done.try_recv() {
                 self.handle(Input::JobDone(result));
+            }
+            if let Ok(report) = self.reports.try_recv() {
+                self.handle(Input::Host(report));
             }
             for _ in 0..REQUESTS_A_ROUND {
                 match self.asked.try_recv() {

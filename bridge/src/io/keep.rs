@@ -110,6 +110,50 @@ mod tests {
         assert_eq!(Keep::in_folder(None).unwrap().fresh_run().unwrap(), None);
     }
 
+    /// What a power cut may leave of a write: a torn new file, a whole one, or the rename done. The order on the disk is that of
+    /// [`Keep::write`], because the new file is synced before the rename.
+    #[test]
+    fn power_cuts_at_200_instants_leave_the_old_or_the_new_document() {
+        let folder = std::env::temp_dir().join(format!("kestrel-cut-{}", std::process::id()));
+        let keep = Keep::in_folder(Some(&folder)).unwrap();
+        let text = |i: usize| {
+            format!(
+                "[autopilot]\ntakeoff_height_m = {}\n",
+                1.0 + i as f64 * 0.01
+            )
+        };
+        let document = |name, i| Document {
+            name,
+            bytes: text(i).into_bytes(),
+        };
+        for name in ["parameters.toml", "mission.json"] {
+            keep.write(&document(name, 0)).unwrap();
+            let mut now = 0;
+            for i in 1..=100 {
+                let next = text(i);
+                let fresh = folder.join(format!("{name}.new"));
+                match i * 37 % (next.len() + 2) {
+                    n if n < next.len() => fs::write(&fresh, &next[..n]).unwrap(),
+                    n if n == next.len() => fs::write(&fresh, &next).unwrap(),
+                    _ => {
+                        keep.write(&document(name, i)).unwrap();
+                        now = i;
+                    }
+                }
+                // The next start reads what is there, whole.
+                let again = Keep::in_folder(Some(&folder)).unwrap();
+                assert_eq!(again.read(name).unwrap().unwrap(), text(now).into_bytes());
+                // A torn leftover is in nobody's way.
+                if i % 10 == 0 {
+                    again.write(&document(name, i)).unwrap();
+                    now = i;
+                    assert_eq!(again.read(name).unwrap().unwrap(), text(i).into_bytes());
+                }
+            }
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
     #[test]
     fn a_document_is_replaced_whole() {
         let folder = std::env::temp_dir().join(format!("kestrel-keep-{}", std::process::id()));

@@ -4,8 +4,9 @@
 //! what differs is only who calls [`advance`](Lockstep::advance) and what happens to the bytes for the ground.
 
 use super::firmware::Outside;
+use super::inject::inject;
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Answer, Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::{Flight, FlightConfig, Start};
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::{FcBytes, Input, Output};
@@ -91,6 +92,7 @@ pub struct Lockstep {
     pub flight: Flight,
     /// Its MAVLink side.
     pub ground: Ground,
+    rangers: usize,
     now: Timestamp,
     jobs: VecDeque<(Timestamp, SearchRequest)>,
     inputs: VecDeque<Input>,
@@ -176,11 +178,13 @@ impl Lockstep {
             boot_utc_us: super::clock::VIRTUAL_BOOT_UTC_US,
             documents,
         });
+        let rangers = flight_config.ring.rangers.len();
         let flight = Flight::new(now, flight_config);
         let mut this = Self {
             simulator,
             flight,
             ground,
+            rangers,
             now,
             jobs: VecDeque::new(),
             inputs: VecDeque::new(),
@@ -271,6 +275,11 @@ impl Lockstep {
     pub fn disk(&mut self, ticket: Ticket, reply: &DiskReply) {
         self.ground.disk(self.now, ticket, reply);
         self.drain_ground();
+    }
+
+    /// How the computer is, for tests of failsafes.
+    pub fn host(&mut self, report: HostReport) {
+        self.feed(Input::Host(report));
     }
 
     /// Asks the vehicle to come down and end.
@@ -475,6 +484,19 @@ impl Lockstep {
                 GroundOutput::Send { link, bytes } => {
                     self.log_ground(link, &bytes);
                     self.outgoing.push_back(Outgoing::Frame(link, bytes));
+                }
+                GroundOutput::Request(Asked {
+                    id,
+                    station,
+                    request: Request::Inject(failure),
+                }) => {
+                    let outcome = inject(&mut self.simulator, self.rangers, failure);
+                    let answer = Answer {
+                        id,
+                        station,
+                        outcome,
+                    };
+                    self.ground.answer(self.now, &answer);
                 }
                 GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),

@@ -1,9 +1,10 @@
 //! uQuad in the simulator: world, inertial unit, motor driver and speed controllers, the aircraft and its `Ground`, in one thread and on virtual
 //! time, a millisecond at a time. Bytes all the way round: the board's frames in, the driver's messages out.
 
+use super::inject::inject;
 use super::lockstep::{Outgoing, our_address};
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Asked, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Answer, Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::Start;
 use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
 use crate::autopilot::io::FcBytes;
@@ -94,6 +95,7 @@ pub struct UquadLockstep {
     pub ground: Ground,
     /// The speed controllers.
     pub bus: EscBus,
+    rangers: usize,
     board: Bench,
     driver: Driver,
     now: Timestamp,
@@ -137,6 +139,7 @@ impl UquadLockstep {
             .ok_or(SimError::NoVehicle)?
             .ring
             .clone();
+        let rangers = ring.rangers.len();
         for vehicle in &mut sim.vehicles {
             // The true craft may differ from what the law believes: a test sets it.
             vehicle.motor_craft.get_or_insert(craft);
@@ -176,6 +179,7 @@ impl UquadLockstep {
             flight,
             ground,
             bus: EscBus::default(),
+            rangers,
             board: Bench::new(seed, false),
             driver: Driver::new(DriverConfig::default()),
             now,
@@ -248,6 +252,11 @@ impl UquadLockstep {
     /// Asks the vehicle to come down and end.
     pub fn shut_down(&mut self) {
         self.ask(Request::ShutDown);
+    }
+
+    /// Tells how the computer is.
+    pub fn host(&mut self, report: HostReport) {
+        self.feed(UquadInput::Host(report));
     }
 
     /// A request of this program itself.
@@ -359,6 +368,19 @@ impl UquadLockstep {
             match output {
                 GroundOutput::Send { link, bytes } => {
                     self.outgoing.push_back(Outgoing::Frame(link, bytes));
+                }
+                GroundOutput::Request(Asked {
+                    id,
+                    station,
+                    request: Request::Inject(failure),
+                }) => {
+                    let outcome = inject(&mut self.simulator, self.rangers, failure);
+                    let answer = Answer {
+                        id,
+                        station,
+                        outcome,
+                    };
+                    self.ground.answer(self.now, &answer);
                 }
                 GroundOutput::Request(asked) => self.feed(UquadInput::Asked(asked)),
                 GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),

@@ -5,12 +5,13 @@
 
 use super::clock::Clock;
 use super::endpoint::Endpoint;
-use super::flight_thread::{FlightHandle, NEWS, News, REQUESTS, wake_up};
+use super::flight_thread::{FlightHandle, NEWS, News, REPORTS, REQUESTS, wake_up};
 use super::line::{Line, LineError};
 use super::realtime::Realtime;
 use super::timer::AbsoluteTimer;
 use super::uquad_logs::UquadLogs;
-use crate::autopilot::door::{Asked, Snapshot};
+use super::watchdog::Pulse;
+use crate::autopilot::door::{Asked, HostReport, Snapshot};
 use crate::autopilot::io::FcBytes;
 use crate::autopilot::latency::Histogram;
 use crate::motor::units::Order;
@@ -86,6 +87,8 @@ pub fn start(
     let failed = |e: rustix::io::Errno| UquadThreadError::Thread(e.into());
     let (requests, asked) = sync_channel(REQUESTS);
     let (tell, news) = sync_channel(NEWS);
+    let (host, reports) = sync_channel(REPORTS);
+    let pulse = Arc::<Pulse>::default();
     let wake = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(failed)?;
     let wake = Arc::new(wake);
     let timer = AbsoluteTimer::new().map_err(failed)?;
@@ -103,8 +106,14 @@ pub fn start(
     };
     let (messages, replies) = motor_thread(motors, clock, Arc::clone(&wake))?;
     let (jobs, done) = job_thread(Arc::clone(&wake)).map_err(UquadThreadError::Thread)?;
-    let handle =
-        FlightHandle::without_line(requests, Arc::clone(&wake), news, Arc::clone(&snapshot));
+    let handle = FlightHandle::without_line(
+        requests,
+        host,
+        Arc::clone(&pulse),
+        Arc::clone(&wake),
+        news,
+        Arc::clone(&snapshot),
+    );
     let shell = Shell {
         flight,
         clock,
@@ -112,6 +121,8 @@ pub fn start(
         words: BoardWords::opened(clock.now()),
         replay,
         asked,
+        reports,
+        pulse,
         tell,
         messages,
         replies,
@@ -280,6 +291,8 @@ struct Shell {
     words: BoardWords,
     replay: Option<Replay>,
     asked: Receiver<Asked>,
+    reports: Receiver<HostReport>,
+    pulse: Arc<Pulse>,
     tell: SyncSender<News>,
     messages: SyncSender<[u8; 4]>,
     replies: Receiver<UquadInput>,
@@ -299,6 +312,7 @@ impl Shell {
         let _ = self.tell.try_send(News::Realtime(Realtime::enter()));
         loop {
             self.publish();
+            self.pulse.flight(self.was_armed);
             self.wait();
             self.read_line();
             self.speak();
@@ -308,6 +322,9 @@ impl Shell {
             }
             while let Ok(input) = self.done.try_recv() {
                 self.handle(input);
+            }
+            if let Ok(report) = self.reports.try_recv() {
+                self.handle(UquadInput::Host(report));
             }
             loop {
                 match self.asked.try_recv() {

@@ -536,6 +536,30 @@ mod tests {
     }
 
     #[test]
+    fn power_cuts_at_200_instants_leave_a_log_that_is_read_to_the_last_sync() {
+        let mut w = writer();
+        let mut bytes = w.take_mcap();
+        // After each of these lengths the disk had everything; half a second of flight in each step.
+        let mut synced = vec![(bytes.len(), 0)];
+        for step in 1..=20u64 {
+            for i in 0..300 {
+                w.flight(&input(500 * (step - 1) + i));
+            }
+            w.flush();
+            bytes.extend(w.take_mcap());
+            synced.push((bytes.len(), 300 * step as usize));
+        }
+        let first = synced[0].0;
+        for cut in 0..200 {
+            let at = first + (bytes.len() - first) * cut / 199;
+            let safe = synced.iter().rev().find(|(len, _)| *len <= at).unwrap().1;
+            let log = LogFile::read(&bytes[..at]).unwrap();
+            let read = log.stream().unwrap().len();
+            assert!(read >= safe, "cut at {at}: {read} of {safe} records");
+        }
+    }
+
+    #[test]
     fn each_part_opens_with_the_header_and_the_stream_goes_on() {
         let mut w = writer();
         w.flight(&input(1));

@@ -108,6 +108,13 @@ impl Ring {
         }
     }
 
+    /// True if the reading is of a ranger that looks around.
+    #[must_use]
+    pub fn looks_around(&self, reading: &RangerReading) -> bool {
+        let ranger = self.config.rangers.get(usize::from(reading.ranger));
+        ranger.is_some_and(|r| !r.looks_down())
+    }
+
     /// When a horizontal ranger spoke last.
     #[must_use]
     pub const fn horizontal_at(&self) -> Option<Timestamp> {

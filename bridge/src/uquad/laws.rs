@@ -87,6 +87,7 @@ pub fn config(craft: UquadAirframe, states: StateSet, law: &Law) -> Result<Uquad
     config.hover_radps = craft.hover_speed_radps();
     config.first_speeds_radps = config.hover_radps;
     config.speed_range_radps = speed_range(config.hover_radps);
+    config.keeps_lift = true;
     match law {
         Law::Optimal(weights) => {
             let made = make(&DesignRequest {

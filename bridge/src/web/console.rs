@@ -1,13 +1,15 @@
 //! The console's thread, and what the main thread holds of it.
 
+use super::aboard::Aboard;
+use super::fleet::Fleet;
 use super::gate::{Arrival, Refused};
 use super::ledger::{Books, FILE, Ledger, LedgerError, Note};
 use super::picture::Picture;
-use super::role::Role;
-use super::sessions::{Session, SessionId, Sessions};
+use super::place::Place;
+use super::sessions::{Entrant, Session, SessionId, Sessions};
+use super::signal::{Desk, VIEWERS};
 use super::throttle::Throttle;
 use super::{listener, password, tls};
-use crate::gcs::disk::Folder;
 use crate::io::clock::Clock;
 use crate::io::net::Joint;
 use crate::settings::Settings;
@@ -17,19 +19,20 @@ use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 use subtle::ConstantTimeEq as _;
 use thiserror::Error;
 use tokio::sync::{Semaphore, watch};
-use vehicle::param::ParamKind;
-use vehicle::{FloorPlan, MapAnchor, Pace};
+use vehicle::{FloorPlan, Pace};
 
 /// Port that is tried first.
 pub const PORT: u16 = 8443;
 /// Where it listens unless told otherwise.
 pub const DEFAULT: &str = "127.0.0.1:8443";
+/// How often accounts are looked at: another program may change them.
+const LOOK: Duration = Duration::from_secs(1);
 /// Pictures a second.
 const PICTURE_HZ: f64 = 20.0;
 /// WebSockets at once.
@@ -56,6 +59,23 @@ pub struct ConsoleConfig {
     pub plan: Arc<FloorPlan>,
     /// Its parameters, for their descriptions.
     pub settings: Settings,
+    /// Its camera, if it has one.
+    pub camera: Option<Arc<dyn Desk>>,
+}
+
+/// What a console off the drone is made from, for several vehicles.
+#[derive(Clone, Debug)]
+pub struct FleetConfig {
+    /// Where it listens.
+    pub listen: SocketAddr,
+    /// That port is a default: if it is taken, the next free one is used.
+    pub is_default: bool,
+    /// Accounts, vehicles, certificate; none = they end with the program.
+    pub state_dir: Option<PathBuf>,
+    /// Names it may be called by, beside its addresses.
+    pub names: Vec<String>,
+    /// Vehicles to add to those that are known: name (none: what it calls itself) and address.
+    pub vehicles: Vec<(Option<String>, Place)>,
 }
 
 /// Why there is no console.
@@ -108,48 +128,76 @@ impl Console {
     /// # Errors
     /// [`ConsoleError`].
     pub fn start(config: ConsoleConfig, joint: Joint) -> Result<Self, ConsoleError> {
-        let is_open = !config.listen.ip().is_loopback();
-        let file = config.state_dir.as_ref().map(|d| d.join(FILE));
+        let (feed, pictures) = watch::channel(Arc::default());
+        let base = Base {
+            listen: config.listen,
+            is_default: config.is_default,
+            state_dir: config.state_dir.clone(),
+            has_link: config.has_link,
+            names: config.names.clone(),
+        };
+        let aboard = Aboard::new(config, joint, pictures);
+        Self::open(base, feed, |_, _| Ok((Some(Arc::new(aboard)), None)))
+    }
+
+    /// Starts a console off the drone, for several vehicles.
+    ///
+    /// # Errors
+    /// [`ConsoleError`].
+    pub fn start_fleet(config: FleetConfig) -> Result<Self, ConsoleError> {
+        let (feed, _) = watch::channel(Arc::default());
+        let base = Base {
+            listen: config.listen,
+            is_default: config.is_default,
+            state_dir: config.state_dir,
+            has_link: false,
+            names: config.names,
+        };
+        Self::open(base, feed, |books, tell| {
+            let roster = books.roster()?;
+            Ok((None, Some(Fleet::new(roster, config.vehicles, tell))))
+        })
+    }
+
+    fn open(
+        base: Base,
+        feed: watch::Sender<Arc<Picture>>,
+        serves: impl FnOnce(&Books, SyncSender<String>) -> Result<Serves, ConsoleError>,
+    ) -> Result<Self, ConsoleError> {
+        let is_open = !base.listen.ip().is_loopback();
+        let file = base.state_dir.as_ref().map(|d| d.join(FILE));
         let books = Books::open(file.as_deref())?;
         let users = books.count()?;
         if is_open && users == 0 {
             return Err(ConsoleError::NoPassword);
         }
-        let socket = bind(config.listen, if config.is_default { 32 } else { 1 })
-            .map_err(|e| ConsoleError::Listen(config.listen, e))?;
+        let socket = bind(base.listen, if base.is_default { 32 } else { 1 })
+            .map_err(|e| ConsoleError::Listen(base.listen, e))?;
         socket.set_nonblocking(true)?;
         let address = socket.local_addr()?;
-        let entry = match (config.has_link, users) {
+        let entry = match (base.has_link, users) {
             (true, _) => Entry::Link(SessionId(password::random()?)),
             (false, 0) => Entry::Setup(SessionId(password::random()?)),
             _ => Entry::Password,
         };
-        let acceptor = tls::acceptor(
-            config.state_dir.as_deref(),
-            &config.names,
-            config.listen.ip(),
-        )
-        .map_err(ConsoleError::Certificate)?;
-        let (feed, pictures) = watch::channel(Arc::default());
+        let (acceptor, pin) =
+            tls::acceptor(base.state_dir.as_deref(), &base.names, base.listen.ip())
+                .map_err(ConsoleError::Certificate)?;
         let (tell, told) = sync_channel(16);
-        let anchor = config.plan.anchor();
+        let (aboard, fleet) = serves(&books, tell.clone())?;
         let server = Arc::new(Server {
             clock: Clock::start(1.0),
-            joint,
-            feed: pictures,
-            plan_json: plan_json(&config.plan, &anchor),
-            parameters_json: parameters_json(&config.settings),
-            anchor,
-            us: config.us,
-            vehicle: config.vehicle,
-            names: config.names,
-            logs: config.state_dir.map(|d| d.join(Folder::Logs.name())),
+            aboard,
+            fleet,
+            pin,
+            names: base.names,
             ledger: Ledger::start(books)?,
             sessions: Mutex::default(),
             throttle: Mutex::default(),
             entry: Mutex::new(Entry::Password),
             hashing: Semaphore::new(1),
             sockets: AtomicUsize::new(0),
+            viewers: Arc::new(Semaphore::new(VIEWERS)),
             tell,
             address,
         });
@@ -164,7 +212,8 @@ impl Console {
             .spawn(move || {
                 runtime.block_on(async move {
                     tokio::select! {
-                        () = listener::run(socket, acceptor, server) => {}
+                        () = listener::run(socket, acceptor, Arc::clone(&server)) => {}
+                        () = look_at_accounts(&server) => {}
                         _ = ended => {}
                     }
                 });
@@ -189,6 +238,18 @@ impl Console {
     /// Puts a picture down. Never waits for who looks at it.
     pub fn show(&self, picture: Picture) {
         self.feed.send_replace(Arc::new(picture));
+    }
+
+    /// The next line for the terminal, waited for; none if the time is over, an error if the console has ended.
+    ///
+    /// # Errors
+    /// [`RecvTimeoutError::Disconnected`] only.
+    pub fn wait_told(&self, at_most: Duration) -> Result<Option<String>, RecvTimeoutError> {
+        match self.told.recv_timeout(at_most) {
+            Ok(line) => Ok(Some(line)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(gone) => Err(gone),
+        }
     }
 
     /// The next line for the terminal.
@@ -220,18 +281,48 @@ fn bind(at: SocketAddr, tries: u16) -> io::Result<TcpListener> {
     result
 }
 
+/// What both kinds of console are opened with.
+struct Base {
+    listen: SocketAddr,
+    is_default: bool,
+    state_dir: Option<PathBuf>,
+    has_link: bool,
+    names: Vec<String>,
+}
+
+/// One of the two is there: the vehicle we are aboard of, or those that are elsewhere.
+type Serves = (Option<Arc<Aboard>>, Option<Fleet>);
+
+/// What another program did to the accounts comes into force: sessions end, vehicles come and go.
+async fn look_at_accounts(server: &Arc<Server>) {
+    let mut look = tokio::time::interval(LOOK);
+    look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    if let Some(fleet) = &server.fleet {
+        fleet.add_wanted(server).await;
+    }
+    loop {
+        look.tick().await;
+        if !locked(&server.sessions).is_empty()
+            && let Ok(stamps) = server.ledger.ask(|books| books.stamps()).await
+        {
+            locked(&server.sessions).keep_only(&stamps);
+        }
+        if let Some(fleet) = &server.fleet {
+            fleet.reload(server).await;
+        }
+    }
+}
+
 /// What all connections share.
 pub(super) struct Server {
     pub(super) clock: Clock,
-    pub(super) joint: Joint,
-    pub(super) feed: watch::Receiver<Arc<Picture>>,
-    pub(super) plan_json: serde_json::Value,
-    pub(super) parameters_json: serde_json::Value,
-    pub(super) anchor: MapAnchor,
-    pub(super) us: Address,
-    pub(super) vehicle: String,
+    /// Aboard a vehicle: that one.
+    pub(super) aboard: Option<Arc<Aboard>>,
+    /// Off the drone: those of the roster.
+    pub(super) fleet: Option<Fleet>,
+    /// SHA-256 of our certificate.
+    pub(super) pin: [u8; 32],
     pub(super) names: Vec<String>,
-    pub(super) logs: Option<PathBuf>,
     pub(super) ledger: Ledger,
     sessions: Mutex<Sessions>,
     throttle: Mutex<Throttle>,
@@ -239,6 +330,7 @@ pub(super) struct Server {
     /// One password at a time: the flight loop has the other cores.
     hashing: Semaphore,
     sockets: AtomicUsize,
+    pub(super) viewers: Arc<Semaphore>,
     tell: SyncSender<String>,
     address: SocketAddr,
 }
@@ -259,9 +351,9 @@ impl Server {
         locked(&self.sessions).touch(self.clock.now(), id);
     }
 
-    pub(super) fn begin(&self, id: SessionId, user: &str, role: Role, stays: bool) -> Session {
+    pub(super) fn begin(&self, id: SessionId, who: Entrant) -> Session {
         locked(&self.sessions)
-            .begin(self.clock.now(), id, user, role, stays)
+            .begin(self.clock.now(), id, who)
             .clone()
     }
 
@@ -269,8 +361,8 @@ impl Server {
         locked(&self.sessions).end(id);
     }
 
-    pub(super) fn end_of(&self, user: &str) {
-        locked(&self.sessions).end_of(user);
+    pub(super) fn end_of(&self, account: &str) {
+        locked(&self.sessions).end_of(account);
     }
 
     /// Who speaks with a system id.
@@ -358,7 +450,7 @@ impl Server {
                 code.to_hex()
             ),
         };
-        let _ = self.tell.try_send(line);
+        self.say(line);
     }
 
     /// Where browsers find us.
@@ -376,12 +468,22 @@ impl Server {
     }
 
     /// Writes an action of a user down.
-    pub(super) fn action(&self, user: &str, what: String) {
+    pub(super) fn action(&self, user: &str, vehicle: &str, what: String) {
         self.ledger.note(Note::Action {
             user: user.to_owned(),
-            vehicle: self.us.system,
+            vehicle: vehicle.to_owned(),
             what,
         });
+    }
+
+    /// Writes down what an administrator did here.
+    pub(super) fn administered(&self, user: &str, what: String) {
+        self.action(user, "console", what);
+    }
+
+    /// Tells the terminal.
+    pub(super) fn say(&self, line: String) {
+        let _ = self.tell.try_send(line);
     }
 
     /// A place for one more WebSocket, given back when it is dropped.
@@ -402,65 +504,6 @@ impl Drop for SocketPlace {
     fn drop(&mut self) {
         self.0.sockets.fetch_sub(1, Ordering::Relaxed);
     }
-}
-
-/// Walls as lines, free cells as runs, rooms by name, home: all a page needs to draw.
-fn plan_json(plan: &FloorPlan, anchor: &MapAnchor) -> serde_json::Value {
-    let round = |v: f64| (v * 1e3).round() / 1e3;
-    let walls: Vec<[f64; 4]> = plan
-        .wall_segments()
-        .iter()
-        .map(|s| [s.a[0], s.a[1], s.b[0], s.b[1]].map(round))
-        .collect();
-    let (w, h) = (plan.width(), plan.height());
-    // Per row: [kind, length] of equal cells; 0 free, 1 wall, 2 unknown.
-    let mut rows = Vec::with_capacity(h);
-    for row in 0..h {
-        let mut runs: Vec<u32> = Vec::new();
-        let mut last = None;
-        for column in 0..w {
-            let kind = match plan.cell(column as i64, row as i64) {
-                vehicle::floor_plan::Cell::Free => 0u32,
-                vehicle::floor_plan::Cell::Occupied => 1,
-                vehicle::floor_plan::Cell::Unknown => 2,
-            };
-            match runs.last_mut() {
-                Some(n) if last == Some(kind) => *n += 1,
-                _ => runs.extend([kind, 1]),
-            }
-            last = Some(kind);
-        }
-        rows.push(runs);
-    }
-    let rooms: Vec<_> = plan
-        .rooms
-        .iter()
-        .map(|r| serde_json::json!({ "name": r.name, "x": round(r.x), "y": round(r.y) }))
-        .collect();
-    let home = plan.home.unwrap_or_default();
-    serde_json::json!({
-        "width": w, "height": h, "cell": plan.resolution_m(),
-        "origin": plan.origin(), "walls": walls, "rows": rows, "rooms": rooms,
-        "home": [home.x_m, home.y_m, home.yaw_rad],
-        "north": anchor.north_rad(),
-    })
-}
-
-/// Every parameter with its range and words; values come by MAVLink.
-fn parameters_json(settings: &Settings) -> serde_json::Value {
-    let row = |r: crate::settings::Row<'_>| {
-        let (range, choices) = match r.meta.kind {
-            ParamKind::Float { min, max, .. } => (Some([f64::from(min), f64::from(max)]), None),
-            ParamKind::Int { min, max, .. } => (Some([f64::from(min), f64::from(max)]), None),
-            ParamKind::Bool { .. } => (Some([0.0, 1.0]), None),
-            ParamKind::Choice { names, .. } => (None, Some(names)),
-        };
-        serde_json::json!({
-            "name": r.meta.id, "section": r.section, "doc": r.meta.doc.trim(), "unit": r.meta.unit,
-            "default": r.meta.default_value().to_string(), "range": range, "choices": choices,
-        })
-    };
-    serde_json::Value::Array(settings.rows().map(row).collect())
 }
 
 impl Arrival {

@@ -1,12 +1,16 @@
 //! Every request passes here: host, origin, kind of body, session, role; and every answer gets its headers here.
 //!
 //! What is not in the table of [`routes`] and not a file of the page is not there; what is in the table without being public
-//! needs a session of at least its role. Nothing else decides that.
+//! needs a session of at least its role. Off the drone, what is about a vehicle (`/api/vehicles/NAME/...`) needs one whose user the
+//! vehicle is assigned to, and goes on to that vehicle's own console. Nothing else decides that.
 
 use super::console::Server;
+use super::key::{self, MachineKey};
 use super::ledger::Note;
+use super::role::Role;
 use super::routes::{Access, Route, find};
-use super::sessions::{Session, SessionId};
+use super::sessions::{Entrant, Session, SessionId};
+use super::{fleet, relay};
 use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
@@ -125,45 +129,70 @@ async fn judge(
     if !is_safe && !is_upgrade && !is_json(request.headers()) {
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, "a body must be JSON");
     }
-    match find(request.method(), request.uri().path()) {
-        Some(Route {
-            access: Access::Public,
-            ..
-        }) => {}
+    let is_known = |path: &str| find(request.method(), path).is_some();
+    let (vehicle, path) = fleet::split(request.uri().path(), is_known);
+    let (needs, is_about_vehicle) = match find(request.method(), &path) {
         Some(Route {
             access: Access::Role(role),
             ..
-        }) => {
-            let Some(caller) = server.caller(request.headers(), arrival) else {
-                return problem(StatusCode::UNAUTHORIZED, "log in first");
-            };
-            if caller.session.role < *role {
-                server.intrusion(
-                    &caller.session.user,
-                    arrival,
-                    &format!(
-                        "{} {} needs the role {role}",
-                        request.method(),
-                        request.uri().path()
-                    ),
-                );
-                return problem(
-                    StatusCode::FORBIDDEN,
-                    &format!("this needs the role {role}"),
-                );
-            }
-            // Looking is not using: a page that polls does not keep a session alive.
-            if !is_safe {
-                server.touch(caller.id);
-            }
-            request.extensions_mut().insert(caller);
-        }
-        None if request.uri().path().starts_with("/api/") => {
-            return problem(StatusCode::NOT_FOUND, "there is nothing here");
-        }
-        None => {}
+        }) => (Some(*role), true),
+        Some(Route {
+            access: Access::Here(role),
+            ..
+        }) if vehicle.is_none() => (Some(*role), false),
+        Some(Route {
+            access: Access::Public,
+            ..
+        }) if vehicle.is_none() => (None, false),
+        None if vehicle.is_none() && !path.starts_with("/api/") => (None, false),
+        _ => return nothing(),
+    };
+    let Some(needs) = needs else {
+        return next.run(request).await;
+    };
+    let caller = match server.enters(request.headers(), arrival).await {
+        Ok(caller) => caller,
+        Err(refused) => return refused.into_response(),
+    };
+    if caller.session.role < needs {
+        server.intrusion(
+            &caller.session.user,
+            arrival,
+            &format!("{} {path} needs the role {needs}", request.method()),
+        );
+        return problem(
+            StatusCode::FORBIDDEN,
+            &format!("this needs the role {needs}"),
+        );
     }
+    // Looking is not using: a page that polls does not keep a session alive.
+    if !is_safe {
+        server.touch(caller.id);
+    }
+    if is_about_vehicle {
+        match (&server.aboard, &server.fleet, vehicle) {
+            (Some(aboard), _, None) => {
+                request.extensions_mut().insert(Arc::clone(aboard));
+            }
+            (_, Some(fleet), Some(name)) => {
+                // A vehicle that is not there is refused like one of somebody else: names are not for guessing.
+                let Some(place) = fleet.place(&name, &caller.session.user) else {
+                    let what = format!("{path} of the vehicle {name}, which is not his");
+                    server.intrusion(&caller.session.user, arrival, &what);
+                    return problem(StatusCode::FORBIDDEN, "this vehicle is not assigned to you");
+                };
+                let to = relay::To { name, place, path };
+                return relay::pass(server, arrival, caller, to, request).await;
+            }
+            _ => return nothing(),
+        }
+    }
+    request.extensions_mut().insert(caller);
     next.run(request).await
+}
+
+fn nothing() -> Response {
+    problem(StatusCode::NOT_FOUND, "there is nothing here")
 }
 
 fn host_of(headers: &HeaderMap, uri: &Uri) -> Option<String> {
@@ -205,8 +234,70 @@ impl Server {
         }
     }
 
-    /// The session of a request.
-    pub(super) fn caller(&self, headers: &HeaderMap, arrival: Arrival) -> Option<Caller> {
+    /// Who asks: a browser by its cookie, a program by its key.
+    async fn enters(&self, headers: &HeaderMap, arrival: Arrival) -> Result<Caller, Refused> {
+        let log_in = || Refused::new(StatusCode::UNAUTHORIZED, "log in first");
+        let Some(given) = headers.get(header::AUTHORIZATION) else {
+            return self.caller(headers, arrival).ok_or_else(log_in);
+        };
+        let text = |name: &str| headers.get(name).and_then(|v| v.to_str().ok());
+        let named = text(key::SESSION).unwrap_or_default();
+        let user = text(key::USER).unwrap_or_default();
+        let claimed = text(key::ROLE).map_or(Ok(Role::Viewer), str::parse);
+        let given = given.to_str().ok().and_then(|v| v.strip_prefix("Bearer "));
+        let (Some(given), Ok(claimed), true) = (
+            given.and_then(MachineKey::from_hex),
+            claimed,
+            user.len() <= 32 && named.len() <= 64,
+        ) else {
+            return Err(log_in());
+        };
+        let (asked, session) = (given.clone(), given.session(named));
+        let row = self
+            .ledger
+            .ask(move |books| books.key(&asked))
+            .await
+            .map_err(|e| Refused::new(StatusCode::SERVICE_UNAVAILABLE, &e.to_string()))?;
+        let Some(row) = row else {
+            // Keys are not guessed; whoever tries many is slowed down all the same.
+            if self.may_try(arrival.peer.ip()) {
+                self.intrusion(user, arrival, "an unknown key");
+            }
+            return Err(log_in());
+        };
+        let role = claimed.min(row.role);
+        let user = format!("{user}@{}", row.name);
+        // The same browser with another role, or another user in it, is a new session.
+        if let Some(open) = self.session(session)
+            && open.role == role
+            && open.user == user
+        {
+            return Ok(Caller {
+                id: session,
+                session: open,
+            });
+        }
+        self.end(session);
+        let who = Entrant {
+            user: user.clone(),
+            role,
+            account: Some((format!("@{}", row.name), row.made_us)),
+            // Whoever has the key looks after his own users' idleness.
+            stays: true,
+        };
+        self.ledger.note(Note::Login {
+            user,
+            from: arrival.peer.ip().to_string(),
+            what: "key",
+        });
+        Ok(Caller {
+            id: session,
+            session: self.begin(session, who),
+        })
+    }
+
+    /// The session of a request's cookie.
+    fn caller(&self, headers: &HeaderMap, arrival: Arrival) -> Option<Caller> {
         let name = Self::cookie_name(arrival);
         let id = headers
             .get_all(header::COOKIE)

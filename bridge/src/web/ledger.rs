@@ -5,14 +5,21 @@
 //!
 //! | Table | Rows |
 //! | --- | --- |
-//! | `users` | name, shown name, surname, mail address, hash of the password, role |
+//! | `users` | name, shown name, mail address, hash of the password, role, when it was changed |
+//! | `machine_keys` | name, hash of the key, role, until when: programs that come instead of a browser |
+//! | `vehicles`, `assignments` | off the drone: whose consoles are served here, and who may use which |
 //! | `logins` | user, time, address; and the end of each session |
 //! | `intrusions` | name that was tried, time, address, what was wrong |
 //! | `actions` | user, time, vehicle, what was asked of it |
 
-use super::role::Role;
+mod accounts;
+mod roster;
+
+pub use accounts::{Account, KeyRow, User};
+pub use roster::{Roster, VehicleRow};
+
 use crate::io::clock;
-use rusqlite::{Connection, OptionalExtension as _, params};
+use rusqlite::{Connection, params};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -69,28 +76,10 @@ pub enum Note {
         /// Who.
         user: String,
         /// Of which vehicle.
-        vehicle: u8,
+        vehicle: String,
         /// What.
         what: String,
     },
-}
-
-/// A user as administrators see him.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct User {
-    /// Log-in name.
-    pub name: String,
-    /// Name for people.
-    pub shown: String,
-    /// Mail address.
-    pub mail: String,
-    /// What he may do.
-    #[serde(serialize_with = "role_name")]
-    pub role: Role,
-}
-
-fn role_name<S: serde::Serializer>(role: &Role, s: S) -> Result<S::Ok, S::Error> {
-    s.serialize_str(role.name())
 }
 
 /// A row of a log.
@@ -167,7 +156,14 @@ impl Books {
             "PRAGMA journal_mode = WAL; PRAGMA synchronous = NORMAL;
              CREATE TABLE IF NOT EXISTS users (
                  name TEXT PRIMARY KEY COLLATE NOCASE, shown TEXT NOT NULL, mail TEXT NOT NULL,
-                 hash TEXT NOT NULL, role TEXT NOT NULL, made_us INTEGER NOT NULL) STRICT;
+                 hash TEXT NOT NULL, role TEXT NOT NULL, made_us INTEGER NOT NULL, changed_us INTEGER NOT NULL DEFAULT 0) STRICT;
+             CREATE TABLE IF NOT EXISTS machine_keys (
+                 name TEXT PRIMARY KEY COLLATE NOCASE, hash BLOB NOT NULL, role TEXT NOT NULL,
+                 made_us INTEGER NOT NULL, until_us INTEGER NOT NULL) STRICT;
+             CREATE TABLE IF NOT EXISTS vehicles (
+                 name TEXT PRIMARY KEY COLLATE NOCASE, url TEXT NOT NULL, made_us INTEGER NOT NULL) STRICT;
+             CREATE TABLE IF NOT EXISTS assignments (
+                 user TEXT NOT NULL COLLATE NOCASE, vehicle TEXT NOT NULL COLLATE NOCASE, PRIMARY KEY (user, vehicle)) STRICT;
              CREATE TABLE IF NOT EXISTS logins (
                  id INTEGER PRIMARY KEY, at_us INTEGER NOT NULL, user TEXT NOT NULL, place TEXT NOT NULL, what TEXT NOT NULL) STRICT;
              CREATE TABLE IF NOT EXISTS intrusions (
@@ -175,104 +171,16 @@ impl Books {
              CREATE TABLE IF NOT EXISTS actions (
                  id INTEGER PRIMARY KEY, at_us INTEGER NOT NULL, user TEXT NOT NULL, place TEXT NOT NULL, what TEXT NOT NULL) STRICT;",
         )?;
-        Ok(Self { db, notes: 0 })
-    }
-
-    /// Number of users.
-    ///
-    /// # Errors
-    /// [`LedgerError`].
-    pub fn count(&self) -> Result<u32, LedgerError> {
-        Ok(self
-            .db
-            .query_row("SELECT count(*) FROM users", [], |r| r.get(0))?)
-    }
-
-    /// Hash and role of a user.
-    ///
-    /// # Errors
-    /// [`LedgerError`].
-    pub fn secret(&self, name: &str) -> Result<Option<(String, String, Role)>, LedgerError> {
-        let row = self
-            .db
-            .query_row(
-                "SELECT name, hash, role FROM users WHERE name = ?1",
-                [name],
-                |r| {
-                    Ok((
-                        r.get::<_, String>(0)?,
-                        r.get::<_, String>(1)?,
-                        r.get::<_, String>(2)?,
-                    ))
-                },
-            )
-            .optional()?;
-        Ok(row.and_then(|(name, hash, role)| Some((name, hash, role.parse().ok()?))))
-    }
-
-    /// Everybody.
-    ///
-    /// # Errors
-    /// [`LedgerError`].
-    pub fn users(&self) -> Result<Vec<User>, LedgerError> {
-        let mut query = self
-            .db
-            .prepare("SELECT name, shown, mail, role FROM users ORDER BY name")?;
-        let rows = query.query_map([], |r| {
-            Ok(User {
-                name: r.get(0)?,
-                shown: r.get(1)?,
-                mail: r.get(2)?,
-                role: r.get::<_, String>(3)?.parse().unwrap_or(Role::Viewer),
-            })
-        })?;
-        Ok(rows.collect::<Result<_, _>>()?)
-    }
-
-    /// Makes a user or changes him; what is none stays. False if he is not there and no hash was given.
-    ///
-    /// # Errors
-    /// [`LedgerError`].
-    pub fn set_user(
-        &self,
-        name: &str,
-        hash: Option<&str>,
-        role: Option<Role>,
-        shown: Option<&str>,
-        mail: Option<&str>,
-    ) -> Result<bool, LedgerError> {
-        let changed = self.db.execute(
-            "UPDATE users SET hash = coalesce(?2, hash), role = coalesce(?3, role),
-                 shown = coalesce(?4, shown), mail = coalesce(?5, mail) WHERE name = ?1",
-            params![name, hash, role.map(Role::name), shown, mail],
+        // Accounts of an earlier version.
+        let has_change = db.query_row(
+            "SELECT count(*) FROM pragma_table_info('users') WHERE name = 'changed_us'",
+            [],
+            |r| r.get::<_, i64>(0),
         )?;
-        if changed > 0 {
-            return Ok(true);
+        if has_change == 0 {
+            db.execute_batch("ALTER TABLE users ADD COLUMN changed_us INTEGER NOT NULL DEFAULT 0")?;
         }
-        let Some(hash) = hash else { return Ok(false) };
-        self.db.execute(
-            "INSERT INTO users (name, shown, mail, hash, role, made_us) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-            params![
-                name,
-                shown.unwrap_or_default(),
-                mail.unwrap_or_default(),
-                hash,
-                role.unwrap_or(Role::Viewer).name(),
-                now_us()
-            ],
-        )?;
-        Ok(true)
-    }
-
-    /// Removes a user; false if there is none.
-    ///
-    /// # Errors
-    /// [`LedgerError`].
-    pub fn remove_user(&self, name: &str) -> Result<bool, LedgerError> {
-        Ok(self
-            .db
-            .execute("DELETE FROM users WHERE name = ?1", [name])?
-            > 0)
+        Ok(Self { db, notes: 0 })
     }
 
     /// The newest rows of a log, newest first.
@@ -309,12 +217,7 @@ impl Books {
                 user,
                 vehicle,
                 what,
-            } => (
-                Log::Actions,
-                user,
-                format!("vehicle {vehicle}"),
-                what.as_str(),
-            ),
+            } => (Log::Actions, user, vehicle.clone(), what.as_str()),
         };
         let table = log.table();
         self.db.execute(
@@ -413,32 +316,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn users_are_made_changed_and_removed() {
-        let books = Books::open(None).unwrap();
-        assert_eq!(books.count().unwrap(), 0);
-        assert!(
-            !books
-                .set_user("ana", None, Some(Role::Pilot), None, None)
-                .unwrap()
-        );
-        assert!(
-            books
-                .set_user("ana", Some("h1"), Some(Role::Pilot), Some("Ana"), None)
-                .unwrap()
-        );
-        assert_eq!(
-            books.secret("ANA").unwrap(),
-            Some(("ana".to_owned(), "h1".to_owned(), Role::Pilot)),
-            "names do not differ by case"
-        );
-        books
-            .set_user("ana", None, Some(Role::Admin), None, None)
-            .unwrap();
-        assert_eq!(books.users().unwrap()[0].role, Role::Admin);
-        assert!(books.remove_user("ana").unwrap() && !books.remove_user("ana").unwrap());
-    }
-
-    #[test]
     fn every_action_login_and_intrusion_is_a_row_with_user_and_time() {
         let mut books = Books::open(None).unwrap();
         let user = || "ana".to_owned();
@@ -452,7 +329,7 @@ mod tests {
         books
             .note(&Note::Action {
                 user: user(),
-                vehicle: 1,
+                vehicle: "vehicle 1".to_owned(),
                 what: "NAV_TAKEOFF".to_owned(),
             })
             .unwrap();

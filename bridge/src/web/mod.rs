@@ -7,34 +7,48 @@
 //! | File | Does |
 //! | --- | --- |
 //! | [`console`] | starts the thread; what the main thread holds |
+//! | `aboard` | the vehicle this console is aboard of |
+//! | `fleet`, `relay`, `upstream`, [`place`] | off the drone: several vehicles, each behind its own console |
 //! | [`picture`] | what pages are shown |
 //! | [`role`], [`envelope`], [`dead_man`], [`sessions`], [`throttle`] | pure: who may what, order and age of frames, released sticks, who is logged in, how often |
-//! | [`topics`] | pure: the compact telemetry, byte by byte |
-//! | [`ledger`], [`password`] | accounts and the audit log in SQLite, Argon2id |
+//! | [`topics`], [`recording`] | pure: the compact telemetry, byte by byte; a flight log as if it had been seen on a page |
+//! | [`ledger`], [`password`], [`key`] | accounts and the audit log in SQLite, Argon2id, keys of programs |
 //! | `listener`, `tls` | connections, limits, certificate |
 //! | `gate` | host, origin, session and role of every request; headers of every answer |
 //! | `routes` | the table of all routes and what each does |
-//! | `socket` | one page's WebSocket |
+//! | `socket`, `witness` | one page's WebSocket; what it asked for is written down |
+//! | [`signal`] | the WebSocket of the camera's viewers |
 //! | `pages` | the page's files, in the binary |
 
+mod aboard;
 pub mod console;
 pub mod dead_man;
 pub mod envelope;
+mod fleet;
 mod gate;
+mod hex;
+pub mod key;
 pub mod ledger;
 mod listener;
 mod pages;
 pub mod password;
 pub mod picture;
+pub mod place;
+pub mod recording;
+mod relay;
 pub mod role;
 mod routes;
 pub mod sessions;
+pub mod signal;
 mod socket;
 pub mod throttle;
 mod tls;
 pub mod topics;
+mod upstream;
+mod witness;
 
-pub use console::{Console, ConsoleConfig};
+pub use console::{Console, ConsoleConfig, FleetConfig};
 pub use picture::Picture;
 pub use role::Role;
-pub use routes::table as routes_table;
+pub use routes::{about_vehicle, table as routes_table};
+pub use tls::pin as certificate_pin;

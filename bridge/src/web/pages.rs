@@ -28,6 +28,7 @@ files! {
     "/charts.js" "charts.js" "text/javascript; charset=utf-8"
     "/dom.js" "dom.js" "text/javascript; charset=utf-8"
     "/fly.js" "fly.js" "text/javascript; charset=utf-8"
+    "/hangar.js" "hangar.js" "text/javascript; charset=utf-8"
     "/hud.js" "hud.js" "text/javascript; charset=utf-8"
     "/icon.svg" "icon.svg" "image/svg+xml"
     "/link.js" "link.js" "text/javascript; charset=utf-8"
@@ -45,6 +46,7 @@ files! {
     "/style.css" "style.css" "text/css; charset=utf-8"
     "/telemetry.js" "telemetry.js" "text/javascript; charset=utf-8"
     "/theme.js" "theme.js" "text/javascript; charset=utf-8"
+    "/video.js" "video.js" "text/javascript; charset=utf-8"
     "/words.js" "words.js" "text/javascript; charset=utf-8"
 }
 

@@ -1,5 +1,6 @@
 //! Who is logged in, until when, and which MAVLink system id his pages speak with.
 
+use super::hex;
 use super::role::Role;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -21,24 +22,13 @@ impl SessionId {
     /// As the cookie carries it.
     #[must_use]
     pub fn to_hex(self) -> String {
-        use std::fmt::Write as _;
-        self.0.iter().fold(String::with_capacity(32), |mut s, b| {
-            let _ = write!(s, "{b:02x}");
-            s
-        })
+        hex::text(&self.0)
     }
 
     /// Back from the cookie.
     #[must_use]
     pub fn from_hex(text: &str) -> Option<Self> {
-        if text.len() != 32 || !text.is_ascii() {
-            return None;
-        }
-        let mut id = [0; 16];
-        for (i, byte) in id.iter_mut().enumerate() {
-            *byte = u8::from_str_radix(text.get(2 * i..2 * i + 2)?, 16).ok()?;
-        }
-        Some(Self(id))
+        hex::bytes(text).map(Self)
     }
 }
 
@@ -58,6 +48,8 @@ pub struct Session {
     pub role: Role,
     /// MAVLink system id of his pages.
     pub system: u8,
+    /// Account (or key, `@NAME`) that opened it, and when that was changed last, UTC us; none of a link on the terminal.
+    account: Option<(String, i64)>,
     since: Timestamp,
     used: Timestamp,
     /// Ends only with [`LIFETIME`]: opened by the link on the terminal of whoever started the program.
@@ -70,6 +62,19 @@ impl Session {
     }
 }
 
+/// Who opens a session.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entrant {
+    /// User name.
+    pub user: String,
+    /// What he may do.
+    pub role: Role,
+    /// Account and the time of its last change, UTC us.
+    pub account: Option<(String, i64)>,
+    /// It does not end for want of use.
+    pub stays: bool,
+}
+
 /// All sessions.
 #[derive(Debug, Default)]
 pub struct Sessions {
@@ -77,15 +82,8 @@ pub struct Sessions {
 }
 
 impl Sessions {
-    /// Opens a session; the one unused for longest makes room. `stays`: it does not end for want of use.
-    pub fn begin(
-        &mut self,
-        now: Timestamp,
-        id: SessionId,
-        user: &str,
-        role: Role,
-        stays: bool,
-    ) -> &Session {
+    /// Opens a session; the one unused for longest makes room.
+    pub fn begin(&mut self, now: Timestamp, id: SessionId, who: Entrant) -> &Session {
         self.open.retain(|_, s| !s.is_over(now));
         let free = |open: &BTreeMap<SessionId, Session>| {
             SYSTEMS
@@ -104,12 +102,13 @@ impl Sessions {
             free(&self.open).unwrap_or(*SYSTEMS.start())
         });
         self.open.entry(id).or_insert(Session {
-            user: user.to_owned(),
-            role,
+            user: who.user,
+            role: who.role,
             system,
+            account: who.account,
             since: now,
             used: now,
-            stays,
+            stays: who.stays,
         })
     }
 
@@ -131,9 +130,28 @@ impl Sessions {
         self.open.remove(&id);
     }
 
-    /// A user's role or password changed, or he is gone: all his sessions end.
-    pub fn end_of(&mut self, user: &str) {
-        self.open.retain(|_, s| s.user != user);
+    /// An account's role or password changed, or it is gone: all its sessions end.
+    pub fn end_of(&mut self, account: &str) {
+        self.open.retain(|_, s| {
+            s.account
+                .as_ref()
+                .is_none_or(|(name, _)| !name.eq_ignore_ascii_case(account))
+        });
+    }
+
+    /// Accounts with the time of their last change, as they are now: sessions of earlier ones end.
+    pub fn keep_only(&mut self, accounts: &BTreeMap<String, i64>) {
+        self.open.retain(|_, s| {
+            s.account
+                .as_ref()
+                .is_none_or(|(name, changed)| accounts.get(name) == Some(changed))
+        });
+    }
+
+    /// True if nobody is logged in.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.open.is_empty()
     }
 
     /// Everybody, for administrators and for naming who has control.
@@ -146,6 +164,15 @@ impl Sessions {
 mod tests {
     use super::*;
 
+    fn who(user: &str, changed_us: i64) -> Entrant {
+        Entrant {
+            user: user.to_owned(),
+            role: Role::Pilot,
+            account: Some((user.to_owned(), changed_us)),
+            stays: false,
+        }
+    }
+
     fn id(n: u8) -> SessionId {
         SessionId([n; 16])
     }
@@ -153,11 +180,11 @@ mod tests {
     #[test]
     fn a_session_ends_half_an_hour_after_its_last_use_and_twelve_hours_after_its_start() {
         let mut sessions = Sessions::default();
-        sessions.begin(Timestamp::ZERO, id(1), "guard", Role::Viewer, false);
+        sessions.begin(Timestamp::ZERO, id(1), who("guard", 0));
         let minutes = |m: u64| Timestamp::from_ms(m * 60_000);
         assert!(sessions.get(minutes(29), id(1)).is_some());
         assert!(sessions.get(minutes(30), id(1)).is_none(), "idle");
-        sessions.begin(minutes(30), id(2), "guard", Role::Viewer, false);
+        sessions.begin(minutes(30), id(2), who("guard", 0));
         for m in (40..750).step_by(10) {
             sessions.touch(minutes(m), id(2));
         }
@@ -168,7 +195,13 @@ mod tests {
     #[test]
     fn a_page_opened_from_the_terminal_may_be_left_alone_but_not_overnight() {
         let mut sessions = Sessions::default();
-        sessions.begin(Timestamp::ZERO, id(1), "you", Role::Admin, true);
+        let from_terminal = Entrant {
+            account: None,
+            stays: true,
+            ..who("you", 0)
+        };
+        sessions.begin(Timestamp::ZERO, id(1), from_terminal);
+        sessions.keep_only(&BTreeMap::new());
         assert!(
             sessions
                 .get(Timestamp::from_ms(11 * 3_600_000), id(1))
@@ -186,7 +219,7 @@ mod tests {
         let mut sessions = Sessions::default();
         for n in 0..60u8 {
             let at = Timestamp::from_ms(u64::from(n));
-            sessions.begin(at, id(n), &n.to_string(), Role::Viewer, false);
+            sessions.begin(at, id(n), who(&n.to_string(), 0));
         }
         let mut numbers: Vec<u8> = sessions.iter().map(|s| s.system).collect();
         numbers.sort_unstable();
@@ -198,11 +231,23 @@ mod tests {
     #[test]
     fn a_changed_user_is_out_everywhere() {
         let mut sessions = Sessions::default();
-        sessions.begin(Timestamp::ZERO, id(1), "a", Role::Pilot, false);
-        sessions.begin(Timestamp::ZERO, id(2), "a", Role::Pilot, false);
-        sessions.begin(Timestamp::ZERO, id(3), "b", Role::Pilot, false);
+        sessions.begin(Timestamp::ZERO, id(1), who("a", 7));
+        sessions.begin(Timestamp::ZERO, id(2), who("a", 7));
+        sessions.begin(Timestamp::ZERO, id(3), who("b", 7));
         sessions.end_of("a");
         assert_eq!(sessions.iter().count(), 1);
+    }
+
+    #[test]
+    fn who_was_changed_or_removed_by_another_program_is_out_and_the_others_stay() {
+        let mut sessions = Sessions::default();
+        for (n, user) in [(1, "a"), (2, "b"), (3, "c")] {
+            sessions.begin(Timestamp::ZERO, id(n), who(user, 7));
+        }
+        let now = [("a", 7), ("b", 8)].map(|(name, at)| (name.to_owned(), at));
+        sessions.keep_only(&now.into());
+        let left: Vec<&str> = sessions.iter().map(|s| s.user.as_str()).collect();
+        assert_eq!(left, ["a"]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! The shell passes frames on, or does not; it makes none of its own but one: centred sticks when a page that held them has
 //! fallen silent.
 
+use super::aboard::Aboard;
 use super::console::{Server, SocketPlace};
 use super::dead_man::DeadMan;
 use super::envelope::{COMMAND_AGE, Envelopes, Fault, STICKS_AGE};
@@ -10,6 +11,7 @@ use super::gate::{Arrival, Caller, problem};
 use super::picture::Picture;
 use super::role::Role;
 use super::topics;
+use super::witness::{Witness, words};
 use crate::gcs::intent::{self, Intent};
 use crate::gcs::operator::Control;
 use crate::io::net::Joined;
@@ -18,7 +20,7 @@ use axum::extract::State;
 use axum::extract::ws::{CloseFrame, Message as Ws, WebSocket, WebSocketUpgrade};
 use axum::http::StatusCode;
 use axum::response::Response;
-use mavlink_dialect::command::{self, cmd};
+use mavlink_dialect::command::cmd;
 use mavlink_dialect::{Address, Decoder, Encoder, Frame, FrameBytes, Message, raw};
 use serde_json::json;
 use std::sync::Arc;
@@ -38,8 +40,6 @@ const SILENT: Duration = Duration::from_secs(10);
 const LOOK: Duration = Duration::from_millis(25);
 /// Pictures between two looks at particles and histogram.
 const SELDOM: u32 = 4;
-/// Sticks silent for this long: manual control is over, for the log.
-const MANUAL_ENDS: Duration = Duration::from_secs(2);
 /// MAVLink component of a ground station's page.
 const COMPONENT: u8 = 190;
 
@@ -60,6 +60,7 @@ pub(super) async fn open(
     State(server): State<Arc<Server>>,
     Extension(arrival): Extension<Arrival>,
     Extension(caller): Extension<Caller>,
+    Extension(aboard): Extension<Arc<Aboard>>,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
     let Ok(upgrade) = upgrade else {
@@ -72,18 +73,19 @@ pub(super) async fn open(
         .max_message_size(MESSAGE)
         .max_frame_size(MESSAGE)
         .max_write_buffer_size(UNREAD)
-        .on_upgrade(move |ws| serve(ws, server, arrival, caller, place))
+        .on_upgrade(move |ws| serve(ws, server, aboard, arrival, caller, place))
 }
 
 async fn serve(
     mut ws: WebSocket,
     server: Arc<Server>,
+    aboard: Arc<Aboard>,
     arrival: Arrival,
     caller: Caller,
     place: SocketPlace,
 ) {
     let _place = place;
-    let Some((joined, frames)) = server.joint.join().await else {
+    let Some((joined, frames)) = aboard.joint.join().await else {
         return;
     };
     let address = Address {
@@ -99,17 +101,15 @@ async fn serve(
         address,
         control: Control::default(),
         heard: now,
-        manual: None,
         acks: Pace::hz(10.0),
         refusals: Pace::hz(5.0),
-        intruded: false,
         joined,
+        witness: Witness::new(Arc::clone(&server), arrival, caller, aboard.label()),
         server: Arc::clone(&server),
-        arrival,
-        caller,
+        aboard,
     };
     let why = page.run(&mut ws, frames).await;
-    page.manual_ends();
+    page.witness.manual_ends();
     // A lost page lets go of the sticks; the lock sees its link go.
     if page.dead_man.must_centre(server.clock.now() + STICKS_AGE) {
         page.centre();
@@ -138,21 +138,17 @@ struct Page {
     /// Who had control in the last picture.
     control: Control,
     heard: Timestamp,
-    /// When sticks came last, while manual control lasts.
-    manual: Option<Timestamp>,
     acks: Pace,
     refusals: Pace,
-    /// One row a socket is enough for a page that keeps trying.
-    intruded: bool,
     joined: Joined,
+    witness: Witness,
     server: Arc<Server>,
-    arrival: Arrival,
-    caller: Caller,
+    aboard: Arc<Aboard>,
 }
 
 impl Page {
     async fn run(&mut self, ws: &mut WebSocket, mut frames: mpsc::Receiver<FrameBytes>) -> Why {
-        let mut feed = self.server.feed.clone();
+        let mut feed = self.aboard.feed.clone();
         let mut look = tokio::time::interval(LOOK);
         look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut checks = Pace::hz(2.0);
@@ -171,14 +167,14 @@ impl Page {
                     Some(Ok(Ws::Text(text))) => {
                         self.heard = self.server.clock.now();
                         if text.as_str() == r#"{"touch":true}"# {
-                            self.server.touch(self.caller.id);
+                            self.server.touch(self.witness.caller.id);
                         }
                         Ok(())
                     }
                     Some(Ok(Ws::Ping(_) | Ws::Pong(_))) => Ok(()),
                     Some(Err(e)) => {
                         if e.to_string().contains("too long") {
-                            self.intrusion("a message larger than 4 kB");
+                            self.witness.intrusion("a message larger than 4 kB");
                         }
                         Err(GONE)
                     }
@@ -218,7 +214,7 @@ impl Page {
             "hello": {
                 "system": self.address.system,
                 "component": self.address.component,
-                "vehicle": { "system": self.server.us.system, "component": self.server.us.component },
+                "vehicle": { "system": self.aboard.us.system, "component": self.aboard.us.component },
                 "state": topics::STATE_FIELDS,
                 "modes": modes,
                 "reasons": reasons,
@@ -233,11 +229,9 @@ impl Page {
         if self.dead_man.must_centre(now) {
             self.centre();
         }
-        if self.manual.is_some_and(|at| now.since(at) >= MANUAL_ENDS) {
-            self.manual_ends();
-        }
+        self.witness.look(now);
         if checks.is_due(now) {
-            if self.server.session(self.caller.id).is_none() {
+            if self.server.session(self.witness.caller.id).is_none() {
                 return Err(OVER);
             }
             if now.since(self.heard) >= SILENT {
@@ -255,7 +249,7 @@ impl Page {
     ) -> Result<(), Why> {
         self.control = p.control;
         shown.count = shown.count.wrapping_add(1);
-        let anchor = self.server.anchor;
+        let anchor = self.aboard.anchor;
         send(ws, Ws::binary(topics::state(p, &anchor))).await?;
         if let Some(scan) = topics::scan(p) {
             send(ws, Ws::binary(scan)).await?;
@@ -349,7 +343,8 @@ impl Page {
     /// May a frame pass? `envelope`: age and lease of its message, none if that was faulty.
     fn judge(&mut self, frame: &Frame, envelope: Option<(Duration, u64)>) -> Verdict {
         if frame.from.system != self.address.system {
-            self.intrusion(&format!("a frame of system {}", frame.from.system));
+            self.witness
+                .intrusion(&format!("a frame of system {}", frame.from.system));
             return Verdict::NotYourNumber;
         }
         let message = &frame.message;
@@ -360,10 +355,10 @@ impl Page {
         let Some((age, lease)) = envelope else {
             return Verdict::OutOfOrder;
         };
-        let role = self.caller.session.role;
+        let role = self.witness.caller.session.role;
         let wants_control = matches!(message, Message::Raw(raw::MavMessage::COMMAND_LONG(m)) if m.command == cmd::REQUEST_OPERATOR_CONTROL);
         if !role.may(intent) || (wants_control && role < Role::Pilot) {
-            self.intrusion(&format!(
+            self.witness.intrusion(&format!(
                 "{} needs another role than {role}",
                 words(message)
             ));
@@ -393,43 +388,14 @@ impl Page {
                 .iter()
                 .any(|v| v.unsigned_abs() > 50);
             self.dead_man.sticks(now, is_deflected);
-            if self.manual.replace(now).is_none() {
-                self.action("manual control begins".to_owned());
-            }
-            return;
         }
-        let is_one_of_many = matches!(
-            message,
-            Message::Raw(raw::MavMessage::MISSION_ITEM_INT(_) | raw::MavMessage::MISSION_ITEM(_))
-        );
-        let is_action = intent::of(message) != Intent::Watch && !is_one_of_many;
-        if is_action {
-            self.server.touch(self.caller.id);
-            self.action(words(message));
-        }
-    }
-
-    fn manual_ends(&mut self) {
-        if self.manual.take().is_some() {
-            self.action("manual control ends".to_owned());
-        }
-    }
-
-    fn action(&self, what: String) {
-        self.server.action(&self.caller.session.user, what);
-    }
-
-    fn intrusion(&mut self, what: &str) {
-        if !std::mem::replace(&mut self.intruded, true) {
-            self.server
-                .intrusion(&self.caller.session.user, self.arrival, what);
-        }
+        self.witness.passed(now, message);
     }
 
     /// Centred sticks in the page's name.
     fn centre(&mut self) {
         let centred = raw::MANUAL_CONTROL_DATA {
-            target: self.server.us.system,
+            target: self.aboard.us.system,
             z: 500,
             ..Default::default()
         };
@@ -443,28 +409,6 @@ struct Shown {
     count: u32,
     control: Option<String>,
     blocked: Option<Option<String>>,
-}
-
-/// A message in words, for the logs.
-fn words(message: &Message) -> String {
-    let named = |number: u16, p1: f32| {
-        let name = command::name(number).map_or_else(|| format!("command {number}"), str::to_owned);
-        format!("{name} {p1}")
-    };
-    match message {
-        Message::Raw(raw::MavMessage::COMMAND_LONG(m)) => named(m.command, m.param1),
-        Message::Raw(raw::MavMessage::COMMAND_INT(m)) => {
-            format!("{} at {} {}", named(m.command, m.param1), m.x, m.y)
-        }
-        Message::Raw(raw::MavMessage::PARAM_SET(m)) => {
-            let id = m.param_id.to_str().unwrap_or_default();
-            format!("PARAM_SET {id}")
-        }
-        Message::Raw(raw::MavMessage::MISSION_COUNT(m)) => {
-            format!("mission of {} items", m.count)
-        }
-        other => other.name().to_owned(),
-    }
 }
 
 async fn send(ws: &mut WebSocket, message: Ws) -> Result<(), Why> {

@@ -1,6 +1,8 @@
 //! The certificate: the user's own, or one made at the first start for the names and addresses of this machine.
 
+use super::hex;
 use rcgen::{CertificateParams, DnType, KeyPair, SanType};
+use sha2::{Digest as _, Sha256};
 use std::net::IpAddr;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,12 +16,41 @@ use tokio_rustls::rustls::{ServerConfig, version};
 const CERTIFICATE: &str = "console-cert.pem";
 const KEY: &str = "console-key.pem";
 
-/// Reads or makes the certificate. Without a folder it ends with the program.
+/// Reads or makes the certificate; its SHA-256 goes along. Without a folder it ends with the program.
 pub(super) fn acceptor(
     folder: Option<&Path>,
     names: &[String],
     address: IpAddr,
-) -> Result<TlsAcceptor, String> {
+) -> Result<(TlsAcceptor, [u8; 32]), String> {
+    let (chain, key) = certificate(folder, names, address)?;
+    let pin = fingerprint(&chain)?;
+    let mut config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_protocol_versions(&[&version::TLS13, &version::TLS12])
+        .map_err(|e| e.to_string())?
+        .with_no_client_auth()
+        .with_single_cert(chain, key)
+        .map_err(|e| e.to_string())?;
+    config.alpn_protocols = vec![b"http/1.1".to_vec()];
+    Ok((TlsAcceptor::from(Arc::new(config)), pin))
+}
+
+/// SHA-256 of the certificate in a folder, which is made if there is none: what another console knows ours by.
+///
+/// # Errors
+/// In words.
+pub fn pin(folder: &Path, names: &[String]) -> Result<String, String> {
+    let (chain, _) = certificate(Some(folder), names, IpAddr::from([0, 0, 0, 0]))?;
+    fingerprint(&chain).map(|pin| hex::text(&pin))
+}
+
+fn fingerprint(chain: &[CertificateDer<'_>]) -> Result<[u8; 32], String> {
+    let own = chain.first().ok_or("the file holds no certificate")?;
+    Ok(Sha256::digest(own).into())
+}
+
+type Pair = (Vec<CertificateDer<'static>>, PrivateKeyDer<'static>);
+
+fn certificate(folder: Option<&Path>, names: &[String], address: IpAddr) -> Result<Pair, String> {
     let files = folder.map(|f| (f.join(CERTIFICATE), f.join(KEY)));
     let pems = match &files {
         Some((certificate, key)) if certificate.exists() && key.exists() => Some((
@@ -43,14 +74,7 @@ pub(super) fn acceptor(
         .collect::<Result<_, _>>()
         .map_err(|e| e.to_string())?;
     let key = PrivateKeyDer::from_pem_slice(&key).map_err(|e| e.to_string())?;
-    let mut config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
-        .with_protocol_versions(&[&version::TLS13, &version::TLS12])
-        .map_err(|e| e.to_string())?
-        .with_no_client_auth()
-        .with_single_cert(chain, key)
-        .map_err(|e| e.to_string())?;
-    config.alpn_protocols = vec![b"http/1.1".to_vec()];
-    Ok(TlsAcceptor::from(Arc::new(config)))
+    Ok((chain, key))
 }
 
 fn make(names: &[String], address: IpAddr) -> Result<(String, String), rcgen::Error> {
@@ -113,7 +137,8 @@ mod tests {
         let any = IpAddr::from([0, 0, 0, 0]);
         assert!(acceptor(Some(&folder), &["drone.local".to_owned()], any).is_ok());
         let first = std::fs::read(folder.join(KEY)).unwrap();
-        assert!(acceptor(Some(&folder), &[], any).is_ok());
+        let (_, seen) = acceptor(Some(&folder), &[], any).unwrap();
+        assert_eq!(pin(&folder, &[]).unwrap(), hex::text(&seen), "known by it");
         assert_eq!(first, std::fs::read(folder.join(KEY)).unwrap());
         let mode = std::fs::metadata(folder.join(KEY))
             .unwrap()

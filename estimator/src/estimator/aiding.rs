@@ -153,9 +153,9 @@ impl Estimator {
         let floor_yaw = self.params.pose_std_yaw_deg.to_radians();
         let std_yaw = libm::hypot(floor_yaw, fix.covariance[2][2].max(0.0).sqrt());
         let [[xx, xy, _], [_, yy, _], _] = fix.covariance;
-        // Fixes of one view share their error however long it is looked at; and the particles have gathered all that the ranges
-        // say, so nothing here is surer of the place than they are.
-        let correlation_s = self.params.pose_correlation_s / fix.news;
+        // The particles have gathered all that the ranges say, standing still too: the state follows them within some tenths of a
+        // second, or what is wrong with flow would hold it beside them. But nothing here is surer of the place than they are.
+        let correlation_s = self.params.pose_correlation_s;
         if fix.is_jump {
             let std = libm::hypot(floor, xx.max(yy).max(0.0).sqrt());
             self.go_to(&pose, std, std_yaw);

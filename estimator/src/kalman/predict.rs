@@ -91,13 +91,13 @@ impl Filter {
         let turn = (gyro - x.gyro_bias) * dt;
         let half_turn = exp(&(turn * 0.5));
         let middle = x.attitude * half_turn;
-        let acceleration = middle * force + Vector3::new(0.0, 0.0, GRAVITY_MPS2);
+        let rotation = middle.to_rotation_matrix().into_inner();
+        let acceleration = rotation * force + Vector3::new(0.0, 0.0, GRAVITY_MPS2);
         x.position += x.velocity * dt + acceleration * (0.5 * dt * dt);
         x.velocity += acceleration * dt;
         x.attitude = middle * half_turn;
         x.attitude.renormalize_fast();
 
-        let rotation = middle.to_rotation_matrix().into_inner();
         let force = rotation * force.cross_matrix();
         let turn = (half_turn * half_turn)
             .inverse()

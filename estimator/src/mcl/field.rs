@@ -182,10 +182,13 @@ impl Field {
         let turned = indices.iter_mut().zip(points.0).zip(points.1);
         if self.codes.len() <= LARGEST {
             let width = self.width as f32;
+            // Half a cell less once, instead of at every point.
+            let (u, v) = (u - 0.5, v - 0.5);
             for ((index, x), y) in turned {
-                let column = rounded(u + c * x - s * y, self.last_column);
-                let row = rounded(v + s * x + c * y, self.last_row);
-                *index = (row * width + column + MAGIC).to_bits() & LARGEST as u32;
+                let column = limited(u + c * x - s * y, self.last_column) + MAGIC;
+                let row = (limited(v + s * x + c * y, self.last_row) + MAGIC) - MAGIC;
+                // Whole numbers and MAGIC, exact in f32.
+                *index = (row * width + column).to_bits() & LARGEST as u32;
             }
         } else {
             for ((index, x), y) in turned {
@@ -241,21 +244,14 @@ impl Field {
 /// become vector instructions: adding 1.5 * 2^23 leaves the nearest whole number in the lowest bits.
 #[inline]
 fn whole(v: f32, last: f32) -> u32 {
-    (within(v, last) + MAGIC).to_bits() & LARGEST as u32
+    (limited(v - 0.5, last) + MAGIC).to_bits() & LARGEST as u32
 }
 
-/// The same as a number.
+/// Within 0..=`last`; NaN becomes 0.
 #[inline]
-fn rounded(v: f32, last: f32) -> f32 {
-    (within(v, last) + MAGIC) - MAGIC
-}
-
-/// Half less, limited; NaN becomes 0.
-#[inline]
-fn within(v: f32, last: f32) -> f32 {
-    let below = v - 0.5;
-    let below = if below > 0.0 { below } else { 0.0 };
-    if below < last { below } else { last }
+fn limited(v: f32, last: f32) -> f32 {
+    let v = if v > 0.0 { v } else { 0.0 };
+    if v < last { v } else { last }
 }
 
 /// Added to a number below 2^22 it leaves the nearest whole one in the lowest bits: 1.5 * 2^23.

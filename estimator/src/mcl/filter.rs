@@ -24,8 +24,11 @@ const KLD_LIGHT: f32 = 0.1;
 const SIZE_EVERY: u32 = 4;
 /// Bins of place on a side of the square around the cluster where counting needs no hashing; yaw is a bit of the word.
 const WINDOW: usize = 32;
-/// No resampling on scans that are mostly old news.
+/// No resampling on scans that are mostly old news ...
 const RESAMPLE_NEWS: f64 = 0.2;
+/// ... unless the effective share of the set falls below this: particles walk with odometry's noise in hover too, and weights that
+/// only ever multiply end on a single one of them.
+const STARVING: f64 = 0.3;
 /// Evidence that would leave a smaller effective share of the set than this is taken in stages ...
 const STARVED: f64 = 0.1;
 /// ... of which each leaves this share ...
@@ -186,7 +189,7 @@ impl ParticleFilter {
 
     /// One update: moves by an odometry step (noise scaled by `noise_scale`), weighs with readings given in the axes of
     /// the pose after the step. `news` (0..=1) says how much of the scan is new: a vehicle standing still sees the same
-    /// walls with the same errors, which is no further evidence, and then never resamples.
+    /// walls with the same errors, which is little further evidence, and then resamples only before the set starves.
     pub fn update(
         &mut self,
         step: &Planar,
@@ -223,7 +226,9 @@ impl ParticleFilter {
         let is_poor = effective < self.resample_below * n as f64;
         self.unsized_for += 1;
         let may_shrink = n > self.smallest && self.unsized_for >= SIZE_EVERY;
-        if !self.readings.is_empty() && news > RESAMPLE_NEWS && (is_poor || may_shrink) {
+        let is_starving = effective < STARVING * n as f64;
+        let may_resample = news > RESAMPLE_NEWS && (is_poor || may_shrink);
+        if !self.readings.is_empty() && (is_starving || may_resample) {
             self.unsized_for = 0;
             let wanted = self.wanted(&heaviest.pose);
             if is_poor || n > wanted + wanted / 2 {

@@ -75,3 +75,67 @@ impl MotionNoise {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vehicle::MapPose;
+
+    /// Particles of one pose after one step.
+    fn after(noise: &MotionNoise, step: &Planar) -> Particles {
+        const COUNT: usize = 20_000;
+        let mut random = Random::new(9);
+        let mut particles = Particles::with_capacity(COUNT);
+        let start = MapPose::new(2.0, 1.0, 0.5);
+        particles.push_around(&start, 0.0, 0.0, COUNT, 1.0, &mut random);
+        noise.apply(step, &mut particles, &mut random);
+        particles
+    }
+
+    #[test]
+    fn without_noise_every_particle_goes_the_very_step() {
+        let none = MotionNoise {
+            position_per_m: 0.0,
+            position_per_rad: 0.0,
+            position_m: 0.0,
+            yaw_per_rad: 0.0,
+            yaw_per_m: 0.0,
+            yaw_rad: 0.0,
+        };
+        let step = Planar::new(0.4, -0.1, 0.2);
+        let there = Planar::new(2.0, 1.0, 0.5).then(&step);
+        for (pose, _) in after(&none, &step).iter() {
+            assert!(there.is_near(&pose.into(), 2e-6, 2e-6), "{pose:?}");
+        }
+    }
+
+    #[test]
+    fn the_mean_goes_the_step_and_the_spread_is_the_noise_of_the_model() {
+        let noise = MotionNoise::default();
+        let step = Planar::new(0.4, -0.1, 0.2);
+        let (std_m, std_rad) = noise.std_of(&step);
+        // 0.08 L + 0.02 W + 0.008 and 0.05 W + 0.03 L + 0.006 of L = 0.4123 m, W = 0.2 rad.
+        assert!((std_m - 0.044_985).abs() < 1e-5 && (std_rad - 0.028_369).abs() < 1e-5);
+        let particles = after(&noise, &step);
+        let there = Planar::new(2.0, 1.0, 0.5).then(&step);
+        let n = particles.len() as f64;
+        let errors: Vec<[f64; 3]> = particles
+            .iter()
+            .map(|(p, _)| [p.x_m - there.x, p.y_m - there.y, p.yaw_rad - there.yaw])
+            .collect();
+        for (axis, std) in [std_m, std_m, std_rad].into_iter().enumerate() {
+            let mean = errors.iter().map(|e| e[axis]).sum::<f64>() / n;
+            let square = errors.iter().map(|e| e[axis] * e[axis]).sum::<f64>() / n;
+            // Four standard deviations of a mean, and of a spread, of so many.
+            assert!(
+                mean.abs() < 4.0 * std / n.sqrt(),
+                "axis {axis}: mean {mean}"
+            );
+            let spread = square.sqrt();
+            assert!(
+                (spread / std - 1.0).abs() < 4.0 / (2.0 * n).sqrt(),
+                "axis {axis}: {spread}"
+            );
+        }
+    }
+}

@@ -11,12 +11,14 @@ use super::particles::Particles;
 use super::planar::{Axes, Planar};
 use super::random::sin_cos;
 use crate::EstimatorParams;
+use arrayvec::ArrayVec;
+use core::ops::Range;
 
 /// Most readings one update uses; two full scans.
 pub const MAX_READINGS: usize = 128;
 
-/// Entries of all tables, a power of two.
-const TABLE: usize = 256 * Evidence::COUNT.next_power_of_two();
+/// Entries of all tables.
+const TABLE: usize = 256 * Evidence::COUNT;
 
 /// Weight of a particle whose place the plan calls a wall or unknown: exp(-6), not zero (algorithms note 2).
 const OFF_PLAN: f32 = -6.0;
@@ -60,20 +62,27 @@ pub struct SensorModel {
 /// The readings of one update, seen from the reference pose, in units of cells: structure of arrays, allocated once.
 #[derive(Clone, Debug, Default)]
 pub struct Readings {
-    rays_x: Vec<f32>,
-    rays_y: Vec<f32>,
-    rays_table: Vec<u32>,
+    /// By kind, so that readings of one kind are looked up in one table.
+    rays: [Rays; Evidence::COUNT],
     cones_x: Vec<[f32; 3]>,
     cones_y: Vec<[f32; 3]>,
     cones_table: Vec<u32>,
 }
 
+/// Rays of one kind.
+#[derive(Clone, Debug, Default)]
+struct Rays {
+    x: Vec<f32>,
+    y: Vec<f32>,
+}
+
 impl Readings {
     pub(crate) fn with_capacity() -> Self {
         Self {
-            rays_x: Vec::with_capacity(MAX_READINGS),
-            rays_y: Vec::with_capacity(MAX_READINGS),
-            rays_table: Vec::with_capacity(MAX_READINGS),
+            rays: core::array::from_fn(|_| Rays {
+                x: Vec::with_capacity(MAX_READINGS),
+                y: Vec::with_capacity(MAX_READINGS),
+            }),
             cones_x: Vec::with_capacity(MAX_READINGS),
             cones_y: Vec::with_capacity(MAX_READINGS),
             cones_table: Vec::with_capacity(MAX_READINGS),
@@ -81,9 +90,10 @@ impl Readings {
     }
 
     pub(crate) fn clear(&mut self) {
-        self.rays_x.clear();
-        self.rays_y.clear();
-        self.rays_table.clear();
+        for rays in &mut self.rays {
+            rays.x.clear();
+            rays.y.clear();
+        }
         self.cones_x.clear();
         self.cones_y.clear();
         self.cones_table.clear();
@@ -95,27 +105,26 @@ impl Readings {
             return;
         }
         let cells = |v: f64| (v / field.cell_m()) as f32;
-        let table = 256 * beam.evidence as u32;
         if beam.is_ray() {
-            self.rays_x.push(cells(beam.points[0][0]));
-            self.rays_y.push(cells(beam.points[0][1]));
-            self.rays_table.push(table);
+            let rays = &mut self.rays[beam.evidence as usize];
+            rays.x.push(cells(beam.points[0][0]));
+            rays.y.push(cells(beam.points[0][1]));
         } else {
             self.cones_x.push(beam.points.map(|p| cells(p[0])));
             self.cones_y.push(beam.points.map(|p| cells(p[1])));
-            self.cones_table.push(table);
+            self.cones_table.push(256 * beam.evidence as u32);
         }
     }
 
     /// Number of readings.
     #[must_use]
-    pub const fn len(&self) -> usize {
-        self.rays_x.len() + self.cones_x.len()
+    pub fn len(&self) -> usize {
+        self.rays.iter().map(|r| r.x.len()).sum::<usize>() + self.cones_x.len()
     }
 
     /// True without any reading.
     #[must_use]
-    pub const fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
@@ -162,13 +171,21 @@ impl SensorModel {
     pub(crate) fn weigh(&self, field: &Field, readings: &Readings, particles: &mut Particles) {
         let inverse = (1.0 / field.cell_m()) as f32;
         let [ox, oy] = field.origin().map(|o| o as f32);
-        // A power of two: looking up needs no check.
-        let Some(tables) = self.tables.first_chunk::<TABLE>() else {
-            return;
-        };
-        let rays = readings.rays_x.len();
-        let (rays_x, rays_y) = (&readings.rays_x[..rays], &readings.rays_y[..rays]);
-        let rays_table = &readings.rays_table[..rays];
+        // All rays in a row, kind by kind, and the table of each kind: 256 entries, so a code needs no check.
+        let (mut rays_x, mut rays_y) = ([0.0f32; MAX_READINGS], [0.0f32; MAX_READINGS]);
+        let mut kinds: ArrayVec<(Range<usize>, &[f32; 256]), { Evidence::COUNT }> = ArrayVec::new();
+        let mut rays = 0;
+        let (tables, _) = self.tables.as_chunks::<256>();
+        for (kind, table) in readings.rays.iter().zip(tables) {
+            let range = rays..rays + kind.x.len();
+            rays_x[range.clone()].copy_from_slice(&kind.x);
+            rays_y[range.clone()].copy_from_slice(&kind.y);
+            rays = range.end;
+            if !range.is_empty() {
+                kinds.push((range, table));
+            }
+        }
+        let (rays_x, rays_y) = (&rays_x[..rays], &rays_y[..rays]);
         let mut cells = [0u32; MAX_READINGS];
         let cells = &mut cells[..rays];
         for i in 0..particles.len() {
@@ -177,21 +194,20 @@ impl SensorModel {
             let v = (particles.y[i] - oy) * inverse;
             // Two loops: the first is arithmetic only and becomes vector instructions, the second looks up.
             field.indices([u, v, c, s], (rays_x, rays_y), cells);
-            let value = |cell: u32, table: u32| {
-                tables[((table | u32::from(field.code_of(cell))) & 0x7FF) as usize]
-            };
             let mut sums = [0.0f32; 4];
-            let fours = cells.chunks_exact(4).zip(rays_table.chunks_exact(4));
-            for (cell, table) in fours {
-                for k in 0..4 {
-                    sums[k] += value(cell[k], table[k]);
+            for (range, table) in &kinds {
+                let value = |cell: u32| table[usize::from(field.code_of(cell))];
+                let (fours, rest) = cells[range.clone()].as_chunks::<4>();
+                for four in fours {
+                    for (sum, cell) in sums.iter_mut().zip(four) {
+                        *sum += value(*cell);
+                    }
+                }
+                for (sum, cell) in sums.iter_mut().zip(rest) {
+                    *sum += value(*cell);
                 }
             }
-            let rest = rays - rays % 4;
             let mut sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
-            for (cell, table) in cells[rest..].iter().zip(&rays_table[rest..]) {
-                sum += value(*cell, *table);
-            }
             let cones = readings
                 .cones_x
                 .iter()
@@ -203,7 +219,7 @@ impl SensorModel {
                     let code = field.code(u + c * x[k] - s * y[k], v + s * x[k] + c * y[k]);
                     nearest = nearest.min(code);
                 }
-                sum += tables[*table as usize + usize::from(nearest)];
+                sum += self.tables[*table as usize + usize::from(nearest)];
             }
             let place = if field.is_open_at(u, v) {
                 0.0

@@ -14,6 +14,8 @@ const RETREAT_MPS: f64 = 0.25;
 const APPROACH_PER_S: f64 = 1.1;
 /// Too close by less than this is left alone, m: no trembling in doors.
 const LEFT_ALONE_M: f64 = 0.03;
+/// Echoes of walls count when they are nearer than the distance at which the hull stops and this, m.
+const ECHO_AHEAD_M: f64 = 0.4;
 /// What a tilt leads to is asked for this long ahead, s: about the answer of the vehicle; without a velocity longer.
 const TILT_AHEAD_S: f64 = 0.4;
 const TILT_BLIND_S: f64 = 1.0;
@@ -44,19 +46,21 @@ impl Navigator {
         if place_holds {
             v = self.held_back_by_all(v, stop_m);
         }
-        // What is seen now is told from the plan only while the place is known.
-        if !nav.health.position {
-            for _ in 0..ROUNDS {
-                for r in self.recent.fresh(now) {
-                    let moved = nav.velocity * now.seconds_since(r.at).clamp(0.0, RECENT_S);
-                    let offset = if moved.is_finite() {
-                        r.offset - moved
-                    } else {
-                        r.offset
-                    };
-                    let on_plan = xy(self.anchor.vector_to_map(offset));
-                    v = self.held_back(v, on_plan, on_plan.norm(), stop_m);
+        // What is seen now is told from the plan only while the place is known; a wall is where it echoes, not where the estimate
+        // puts it.
+        for _ in 0..ROUNDS {
+            for r in self.recent.fresh(now) {
+                if nav.health.position && !self.recent.is_near_wall(r, stop_m + ECHO_AHEAD_M) {
+                    continue;
                 }
+                let moved = nav.velocity * now.seconds_since(r.at).clamp(0.0, RECENT_S);
+                let offset = if moved.is_finite() {
+                    r.offset - moved
+                } else {
+                    r.offset
+                };
+                let on_plan = xy(self.anchor.vector_to_map(offset));
+                v = self.held_back(v, on_plan, on_plan.norm(), stop_m);
             }
         }
         self.world_vector(v).with_z(desired.z())

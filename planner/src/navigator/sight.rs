@@ -29,6 +29,8 @@ const OPEN_MAX_M: f64 = 6.0;
 /// A return is believed when others lie this close to it, m, in the same scan or shortly before: single readings are
 /// often short.
 const SUPPORT_M: f64 = 0.2;
+/// So many returns, itself among them, are a wall's face.
+const FACE: usize = 3;
 /// How many others, and for how long they speak, s: columns of a multizone ranger; slow wide cones, which never lie.
 const SUPPORT: (usize, f64) = (2, 0.25);
 const SUPPORT_WIDE: (usize, f64) = (0, 0.6);
@@ -54,6 +56,8 @@ pub(super) struct Return {
     pub(super) unexplained: Option<In<Map>>,
     /// Others say the same.
     pub(super) is_supported: bool,
+    /// By a wide cone: where on its front is not known.
+    is_wide: bool,
 }
 
 impl RecentReturns {
@@ -66,6 +70,14 @@ impl RecentReturns {
         self.returns
             .iter()
             .filter(move |r| now.seconds_since(r.at) < RECENT_S)
+    }
+
+    /// True if a return is one of a near wall's face: of narrow beams two more of the same scan beside it say so (one alone is often
+    /// short), of a wide cone itself does.
+    pub(super) fn is_near_wall(&self, r: &Return, within_m: f64) -> bool {
+        let beside = |o: &&Return| o.at == r.at && (o.offset - r.offset).norm_xy() < SUPPORT_M;
+        r.offset.norm_xy() < within_m
+            && (r.is_wide || self.returns.iter().filter(beside).take(FACE).count() == FACE)
     }
 
     /// How many unexplained returns of the last `within_s` lie beside a point.
@@ -150,6 +162,7 @@ impl Navigator {
                 offset: look.to,
                 unexplained: None,
                 is_supported: false,
+                is_wide: beam.half_cone_rad > WIDE_RAD,
             });
             if !place_known {
                 self.recent.extend(echo);

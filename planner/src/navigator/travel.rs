@@ -24,6 +24,8 @@ const CORRIDOR_SLACK_M: f64 = 0.05;
 
 /// Free space beside the hull on a straight way to the point ahead, m.
 const STRAIGHT_SLACK_M: f64 = 0.08;
+/// The way steered for passes a corner of the route no farther off than this, m: what is drawn is flown.
+const CUT_M: f64 = 0.08;
 /// Floor counts as known for this long after somebody looked at it, s; it is asked for over this way, m, for the hull and
 /// this much beside it, m.
 const SEEN_FOR_S: f64 = 10.0;
@@ -306,7 +308,10 @@ impl Navigator {
             } else {
                 on_leg + (corner - on_leg) * (step / piece)
             };
-            if distance(ahead, here) > 0.3 && !self.router.sees(here, next) {
+            let cuts =
+                |corner: &In<Map>| distance(nearest_on(here, next, *corner), *corner) > CUT_M;
+            let is_cut = self.path[self.leg.min(k)..k].iter().any(cuts);
+            if distance(ahead, here) > 0.3 && (is_cut || !self.router.sees(here, next)) {
                 break;
             }
             (on_leg, ahead) = (next, next);

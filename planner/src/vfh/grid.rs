@@ -7,6 +7,7 @@
 
 use super::config::VfhParams;
 use arrayvec::ArrayVec;
+use core::ops::Range;
 use vehicle::{In, Map, Timestamp};
 
 /// Side of a cell, m.
@@ -18,7 +19,7 @@ const CERTAIN: u8 = 12;
 /// Share of a new return in the mean place of its cell, and that place's unit, parts of a cell.
 const NEW_SHARE: f64 = 0.25;
 const MEAN_UNITS: f64 = 250.0;
-const PARTS: i64 = 250;
+const PARTS: i32 = 250;
 /// Most changed cells remembered between two steps.
 const CHANGED_MAX: usize = 96;
 /// A cell counts as an obstacle for routes from this certainty on.
@@ -33,6 +34,17 @@ struct CellState {
     at_ds: u32,
     /// Mean of its returns, 1/250 of a cell from the middle: gaps are narrower than two cells.
     mean: [i8; 2],
+}
+
+/// A cell as the histogram's window counts it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct CellView {
+    /// 0 once it has decayed to nothing.
+    pub(super) certainty: u8,
+    /// Where the mean of its returns lies, half cells from the grid's corner, rounded down.
+    pub(super) steps: [i32; 2],
+    /// When it will have decayed further, tenths of a second since boot.
+    pub(super) decays_ds: u32,
 }
 
 /// Certainty per cell of the plan's rectangle.
@@ -121,32 +133,44 @@ impl CertaintyGrid {
         [self.width, self.height]
     }
 
-    /// True if a cell may hold something.
-    pub(super) fn is_anything(&self, column: usize, row: usize) -> bool {
-        self.cells[row * self.width + column].certainty > 0
-    }
-
     /// A place in 1/250 of a cell from the grid's corner.
-    pub(super) fn in_parts(&self, p: In<Map>) -> [i64; 2] {
-        let parts = |v: f64, o: f64| libm::rint((v - o) * (MEAN_UNITS / CELL_M)) as i64;
+    pub(super) fn in_parts(&self, p: In<Map>) -> [i32; 2] {
+        let parts = |v: f64, o: f64| libm::rint((v - o) * (MEAN_UNITS / CELL_M)) as i32;
         [parts(p.x(), self.origin[0]), parts(p.y(), self.origin[1])]
     }
 
-    /// A cell as certainty (0 = nothing there), where the mean of its returns lies, 1/250 of a cell from the grid's corner, and
-    /// when it will have decayed further, tenths of a second since boot.
-    pub(super) fn cell(&self, column: usize, row: usize, now: Timestamp) -> (u8, [i64; 2], u32) {
+    /// A cell as it counts now; none if nothing is there.
+    pub(super) fn cell(&self, column: usize, row: usize, now: Timestamp) -> Option<CellView> {
         let state = self.cells[row * self.width + column];
-        if state.certainty == 0 {
-            return (0, [0, 0], u32::MAX);
+        (state.certainty > 0).then(|| self.view(state, column, row, tenths(now)))
+    }
+
+    /// Calls `see` with column and cell for every cell of a piece of a row that may hold something.
+    pub(super) fn in_row(
+        &self,
+        row: usize,
+        columns: Range<usize>,
+        now: Timestamp,
+        mut see: impl FnMut(usize, CellView),
+    ) {
+        let now_ds = tenths(now);
+        let line = &self.cells[row * self.width..][columns.clone()];
+        for (state, column) in line.iter().zip(columns) {
+            if state.certainty > 0 {
+                see(column, self.view(*state, column, row, now_ds));
+            }
         }
-        let s = self.decayed(state, tenths(now));
+    }
+
+    fn view(&self, state: CellState, column: usize, row: usize, now_ds: u32) -> CellView {
+        let s = self.decayed(state, now_ds);
         let half_life = if s.sure { self.sure_ds } else { self.fresh_ds }.max(1);
-        let parts = |k: usize, mean: i8| k as i64 * PARTS + PARTS / 2 + i64::from(mean);
-        (
-            s.certainty,
-            [parts(column, state.mean[0]), parts(row, state.mean[1])],
-            s.at_ds.saturating_add(half_life),
-        )
+        let steps = |k: usize, mean: i8| 2 * k as i32 + 1 + i32::from(mean).div_euclid(PARTS / 2);
+        CellView {
+            certainty: s.certainty,
+            steps: [steps(column, state.mean[0]), steps(row, state.mean[1])],
+            decays_ds: s.at_ds.saturating_add(half_life),
+        }
     }
 
     /// Certainty of the cell at a point, 0..=15.

@@ -6,7 +6,7 @@
 //! table over relative places, so a step costs no trigonometry.
 
 use super::config::VfhParams;
-use super::grid::{CELL_M, CertaintyGrid};
+use super::grid::{CELL_M, CellView, CertaintyGrid};
 use super::surroundings::Obstacle;
 use super::{SECTOR_RAD, SECTORS};
 use core::f64::consts::{FRAC_PI_2, TAU};
@@ -33,10 +33,10 @@ struct Entry {
 pub struct Window {
     edges: [i32; EDGES],
     /// Place in steps of the table, and the distance up to which obstacles count.
-    centre: [i64; 2],
+    centre: [i32; 2],
     cut_steps: u16,
     /// The lowest cell of the window, cells a side, and what each adds now.
-    low: [i64; 2],
+    low: [i32; 2],
     side: usize,
     held: Vec<Held>,
     /// When the first of them decays, tenths of a second since boot.
@@ -55,12 +55,12 @@ const EDGES: usize = 2 * SECTORS + 1;
 /// Whole numbers of the window that make 1: a certain cell at the vehicle.
 const WHOLE: i32 = 225 * 1024;
 /// Parts of a cell in a step of the table: a cell is 250 parts, a step half a cell.
-const PARTS_PER_STEP: i64 = 125;
+const PARTS_PER_STEP: i32 = 125;
 
 /// Polar density and which sectors are blocked.
 #[derive(Clone, Debug)]
 pub struct Histogram {
-    half: i64,
+    half: i32,
     side: usize,
     table: Vec<Entry>,
     density: [f32; SECTORS],
@@ -73,13 +73,13 @@ impl Histogram {
     /// Tables for a vehicle of this radius.
     #[must_use]
     pub fn new(params: &VfhParams, radius_m: f64) -> Self {
-        let half = libm::ceil(params.window_m / STEP_M) as i64;
+        let half = libm::ceil(params.window_m / STEP_M) as i32;
         let side = (2 * half + 1) as usize;
         let enlarged = radius_m + params.safety_m;
         let mut table = Vec::with_capacity(side * side);
         for row in -half..=half {
             for column in -half..=half {
-                let (x, y) = (column as f64 * STEP_M, row as f64 * STEP_M);
+                let (x, y) = (f64::from(column) * STEP_M, f64::from(row) * STEP_M);
                 table.push(Entry::at(x, y, enlarged, params.window_m));
             }
         }
@@ -127,8 +127,8 @@ impl Histogram {
                 continue;
             }
             // Nearest place of the table.
-            let column = o.offset.x * (1.0 / STEP_M) + self.half as f64 + 0.5;
-            let row = o.offset.y * (1.0 / STEP_M) + self.half as f64 + 0.5;
+            let column = o.offset.x * (1.0 / STEP_M) + f64::from(self.half) + 0.5;
+            let row = o.offset.y * (1.0 / STEP_M) + f64::from(self.half) + 0.5;
             let side = self.side as f64;
             let inside = column >= 0.0 && row >= 0.0 && column < side && row < side;
             if !inside {
@@ -157,6 +157,26 @@ impl Histogram {
             } else if d < self.low {
                 self.blocked[k] = false;
             }
+        }
+    }
+
+    /// What a cell adds to the window around a place, in steps of the table.
+    fn adds(&self, cell: &CellView, centre: [i32; 2], cut_steps: u16) -> Held {
+        // From the middle of the step, to the nearest place: both halves of a step cancel.
+        let place = |axis: usize| (cell.steps[axis] - centre[axis] + self.half) as usize;
+        let (x, y) = (place(0), place(1));
+        // A place before the table is a very large one.
+        if x >= self.side || y >= self.side {
+            return Held::default();
+        }
+        let e = &self.table[y * self.side + x];
+        if e.steps > cut_steps {
+            return Held::default();
+        }
+        Held {
+            first: e.first,
+            behind: e.first + e.count,
+            amount: e.whole * i32::from(cell.certainty) * i32::from(cell.certainty),
         }
     }
 
@@ -234,27 +254,33 @@ impl Window {
         }
     }
 
-    fn build(&mut self, tables: &Histogram, grid: &CertaintyGrid, parts: [i64; 2], now: Timestamp) {
-        self.edges = [0; EDGES];
+    fn build(&mut self, tables: &Histogram, grid: &CertaintyGrid, parts: [i32; 2], now: Timestamp) {
+        let mut edges = [0; EDGES];
         self.held.fill(Held::default());
-        self.decays_ds = u32::MAX;
         self.is_built = true;
-        let half = (self.side / 2) as i64;
+        let half = (self.side / 2) as i32;
         self.low = parts.map(|v| v.div_euclid(2 * PARTS_PER_STEP) - half);
-        let size = grid.size();
+        let (low, size) = (self.low, grid.size());
         let range = |axis: usize| {
-            let from = self.low[axis].clamp(0, size[axis] as i64);
-            let to = (self.low[axis] + self.side as i64).clamp(0, size[axis] as i64);
+            let from = low[axis].clamp(0, size[axis] as i32);
+            let to = (low[axis] + self.side as i32).clamp(0, size[axis] as i32);
             from as usize..to as usize
         };
         let (columns, rows) = (range(0), range(1));
+        let mut decays_ds = u32::MAX;
         for row in rows {
-            for column in columns.clone() {
-                if grid.is_anything(column, row) {
-                    self.take_cell(tables, grid, column, row, now);
-                }
-            }
+            let begin = (row as i32 - low[1]) as usize * self.side;
+            let held = &mut self.held[begin..begin + self.side];
+            let (centre, cut_steps) = (self.centre, self.cut_steps);
+            grid.in_row(row, columns.clone(), now, |column, cell| {
+                decays_ds = decays_ds.min(cell.decays_ds);
+                let new = tables.adds(&cell, centre, cut_steps);
+                held[(column as i32 - low[0]) as usize] = new;
+                edges[usize::from(new.first)] += new.amount;
+                edges[usize::from(new.behind)] -= new.amount;
+            });
         }
+        (self.edges, self.decays_ds) = (edges, decays_ds);
     }
 
     /// Replaces what a cell adds by what it adds now.
@@ -266,33 +292,17 @@ impl Window {
         row: usize,
         now: Timestamp,
     ) {
-        let (c, r) = (column as i64 - self.low[0], row as i64 - self.low[1]);
-        let side = self.side as i64;
+        let (c, r) = (column as i32 - self.low[0], row as i32 - self.low[1]);
+        let side = self.side as i32;
         if !(0..side).contains(&c) || !(0..side).contains(&r) {
             return;
         }
-        let (certainty, at, decays_ds) = grid.cell(column, row, now);
-        self.decays_ds = self.decays_ds.min(decays_ds);
-        let mut new = Held::default();
-        if certainty > 0 {
-            let place = |axis: usize| {
-                // From the middle of the step, to the nearest place: both halves of a step cancel.
-                let off = at[axis] - self.centre[axis] * PARTS_PER_STEP;
-                off.div_euclid(PARTS_PER_STEP) + tables.half
-            };
-            let (x, y) = (place(0), place(1));
-            let n = tables.side as i64;
-            if (0..n).contains(&x) && (0..n).contains(&y) {
-                let e = &tables.table[y as usize * tables.side + x as usize];
-                if e.steps <= self.cut_steps {
-                    new = Held {
-                        first: e.first,
-                        behind: e.first + e.count,
-                        amount: e.whole * i32::from(certainty) * i32::from(certainty),
-                    };
-                }
-            }
-        }
+        let new = grid
+            .cell(column, row, now)
+            .map_or_else(Held::default, |cell| {
+                self.decays_ds = self.decays_ds.min(cell.decays_ds);
+                tables.adds(&cell, self.centre, self.cut_steps)
+            });
         let held = &mut self.held[r as usize * self.side + c as usize];
         let old = core::mem::replace(held, new);
         self.edges[usize::from(old.first)] -= old.amount;

@@ -20,6 +20,8 @@ pub(super) struct Drawing {
     solids: Vec<Vec<Point>>,
     doors: Vec<Door>,
     places: Vec<NamedPlace>,
+    /// Shapes that are walls; those drawn after them are furniture.
+    walls: Option<usize>,
 }
 
 /// A straight wall along x or y: `from..to` along it, `low..high` across.
@@ -40,12 +42,18 @@ impl Drawing {
             solids: Vec::new(),
             doors: Vec::new(),
             places: Vec::new(),
+            walls: None,
         };
         drawing.block([-OUTER_M, w + OUTER_M], [-OUTER_M, 0.0]);
         drawing.block([-OUTER_M, w + OUTER_M], [h, h + OUTER_M]);
         drawing.block([-OUTER_M, 0.0], [0.0, h]);
         drawing.block([w, w + OUTER_M], [0.0, h]);
         drawing
+    }
+
+    /// What is drawn from now on is furniture: the same to sensors, not to the eye.
+    pub(super) fn furnish(&mut self) {
+        self.walls = Some(self.solids.len());
     }
 
     /// A solid box.
@@ -127,7 +135,9 @@ impl Drawing {
 
     /// Walls from the edges of the shapes, plan from the cells whose centre lies in one.
     pub(super) fn finish(self, name: &str) -> Room {
-        let segments = self
+        let walls = &self.solids[..self.walls.unwrap_or(self.solids.len())];
+        let walls_end = walls.iter().map(Vec::len).sum();
+        let segments: Vec<Segment> = self
             .solids
             .iter()
             .flat_map(|corners| {
@@ -140,6 +150,8 @@ impl Drawing {
             .collect();
         Room {
             name: name.to_owned(),
+            walls_end,
+            furniture_end: segments.len(),
             walls: Walls::new(segments),
             opaque: None,
             plan: Arc::new(self.raster()),

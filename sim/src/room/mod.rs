@@ -19,6 +19,7 @@ mod random_maze;
 
 pub use facts::{Door, DoorFacts, Place, RoomFacts};
 
+use crate::camera::Scenery;
 use crate::walls::Walls;
 use std::sync::Arc;
 use thiserror::Error;
@@ -34,6 +35,9 @@ pub struct Room {
     opaque: Option<Walls>,
     doors: Vec<Door>,
     plan: Arc<FloorPlan>,
+    /// Segments before this one are walls, those before the next furniture, the rest was put there later: for the eye.
+    walls_end: usize,
+    furniture_end: usize,
 }
 
 /// Why there is no such room.
@@ -68,9 +72,12 @@ impl Room {
     /// unknown cells are open, so a plan without an outer wall can be left.
     #[must_use]
     pub fn from_plan(name: &str, plan: FloorPlan) -> Self {
+        let segments = plan.wall_segments();
         Self {
             name: name.to_owned(),
-            walls: Walls::new(plan.wall_segments()),
+            walls_end: segments.len(),
+            furniture_end: segments.len(),
+            walls: Walls::new(segments),
             opaque: None,
             doors: Vec::new(),
             plan: Arc::new(plan),
@@ -165,6 +172,11 @@ impl Room {
     #[must_use]
     pub fn facts(&self) -> RoomFacts {
         RoomFacts::new(self)
+    }
+
+    /// The room as a camera sees it, with walls of it as they stand now.
+    pub(crate) fn scenery(&self, walls: &Walls) -> Scenery {
+        Scenery::new(self, walls, self.walls_end, self.furniture_end)
     }
 
     pub(crate) const fn walls(&self) -> &Walls {

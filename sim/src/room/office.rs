@@ -101,6 +101,7 @@ fn walls(d: &mut Drawing) {
 }
 
 fn furniture(d: &mut Drawing) {
+    d.furnish();
     // Lab: bench, cupboard, and a drawer unit under the north wall.
     d.block([4.75, 5.4], [0.0, 1.2]);
     d.block([0.0, 0.5], [3.6, 4.2]);

@@ -114,7 +114,7 @@ impl Flight {
         }
         let checks = Checks {
             may_wait: true,
-            ..self.checks()
+            ..self.checks(now)
         };
         let failure = if force {
             health::controller_failure(&checks)
@@ -142,18 +142,17 @@ impl Flight {
         Ok(Outcome::Accepted)
     }
 
-    pub(super) fn checks(&self) -> Checks<'_> {
+    pub(super) fn checks(&self, now: Timestamp) -> Checks<'_> {
+        let nav = self.estimator.state();
         Checks {
             fc_is_connected: self.fc.is_connected,
             unknown_firmware: self.link.unknown_firmware,
             is_stalled: self.link.is_stalled,
             may_wait: false,
             fc: &self.fc_arm,
-            nav: self.estimator.state(),
-            rangers_alive: self.snapshot.rangers_alive,
-            battery: self.snapshot.battery.and_then(|b| b.remaining),
+            nav,
+            facts: self.facts(now, 0.0, None, nav),
             is_shutting_down: self.shutting_down,
-            params: &self.settings.autopilot,
         }
     }
 
@@ -188,6 +187,7 @@ impl Flight {
             },
             Request::SetHome(place) => self.set_home(&nav, *place),
             Request::Sensed(sample) => return self.sensed(sample),
+            Request::Inject(_) => Err(Refusal::NotSimulated),
             Request::GroundHeartbeat => {
                 self.ground_heard = Some(now);
                 Ok(Outcome::Accepted)

@@ -72,6 +72,12 @@ impl FcLine {
     }
 }
 
+/// What flight by MSP needs of the controller there, with what was found; nothing is written.
+pub(crate) fn settings_findings(fc: &str) -> Result<Vec<Finding>> {
+    let line = FcLine { fc: fc.to_owned() };
+    Ok(findings(&Survey::take(&mut line.open()?)?, None))
+}
+
 /// How it is going to be flown.
 #[derive(Clone, Copy, Debug, Args)]
 struct Way {

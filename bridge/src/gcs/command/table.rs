@@ -9,7 +9,8 @@ use super::super::place::Place;
 use super::super::{Context, Destination, Outbox, Peer, keys, origin};
 use super::Streams;
 use crate::autopilot::door::{
-    FigureNose, FigureRequest, GoTo, MotorTurn, Request, Sensor, Severity,
+    Failure, FailureKind, FailureUnit, FigureNose, FigureRequest, GoTo, MotorTurn, Request, Sensor,
+    Severity,
 };
 use crate::autopilot::mode::Mode;
 use mavlink_dialect::command::{self, Command, cmd, result};
@@ -173,6 +174,7 @@ pub(super) fn verdict(
         cmd::DO_MOTOR_TEST | cmd::ACTUATOR_TEST if snapshot.is_armed => denied("disarm first"),
         cmd::DO_MOTOR_TEST => motor_test(c),
         cmd::ACTUATOR_TEST => actuator_test(c),
+        cmd::INJECT_FAILURE => inject_failure(c),
         cmd::USER_1 => match c
             .whole(1)
             .and_then(|code| u8::try_from(code).ok())
@@ -200,6 +202,38 @@ fn calibration(c: &Command) -> Verdict {
         (0, 1, 0, 0) => unsupported("no compass is used: nothing to calibrate"),
         (0, 0, 1, 0) => unsupported("the flight controller sets its barometer by itself"),
         _ => unsupported("calibrate one at a time: gyroscope, accelerometer, level"),
+    }
+}
+
+/// Parameters: FAILURE_UNIT, FAILURE_TYPE, instance.
+fn inject_failure(c: &Command) -> Verdict {
+    let unit = match c.whole(1) {
+        Some(5) => FailureUnit::Flow,
+        Some(7) => FailureUnit::Distance,
+        Some(100) => FailureUnit::Battery,
+        Some(101) => FailureUnit::Motor,
+        Some(102) => FailureUnit::Controller,
+        _ => {
+            return unsupported(
+                "flow, distance sensors, battery, motors, controller (102) can fail",
+            );
+        }
+    };
+    let kind = match c.whole(2) {
+        Some(0) => FailureKind::Ok,
+        Some(1) => FailureKind::Off,
+        Some(2) => FailureKind::Stuck,
+        Some(4) => FailureKind::Wrong,
+        Some(7) => FailureKind::Intermittent,
+        _ => return unsupported("it can be ok, off, stuck, wrong, intermittent"),
+    };
+    match u8::try_from(c.whole(3).unwrap_or(0)) {
+        Ok(instance) => Ask(Request::Inject(Failure {
+            unit,
+            kind,
+            instance,
+        })),
+        Err(_) => denied("there is no such instance"),
     }
 }
 

@@ -5,6 +5,7 @@ use super::super::convert::GeoAnchor;
 use super::super::keys;
 use super::super::params::Identity;
 use super::*;
+use crate::autopilot::door::{Failure, FailureKind, FailureUnit};
 use crate::autopilot::door::{FcStatus, GoTo, Key, Refusal, Step};
 use crate::autopilot::door::{MotorTurn, Sensor};
 use crate::autopilot::mode::Mode;
@@ -288,6 +289,14 @@ fn simple_commands_ask_for_what_they_say() {
         (
             int(241, 0, [0.0; 4], 2, 0, 0.0),
             Request::Calibrate(Sensor::Level),
+        ),
+        (
+            first(420, &[7.0, 2.0, 3.0]),
+            Request::Inject(Failure {
+                unit: FailureUnit::Distance,
+                kind: FailureKind::Stuck,
+                instance: 3,
+            }),
         ),
         (first(246, &[1.0]), Request::RestartFc),
         (first(246, &[1.0, 1.0, 1.0]), Request::RestartFc),

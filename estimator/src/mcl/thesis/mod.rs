@@ -405,4 +405,31 @@ mod tests {
         assert!((peak - (0.95 * 19.947_114_020 + 0.005)).abs() < 1e-6);
         assert!((density(1.0, 5.0, 0.02, 10.0) - 0.005).abs() < 1e-12);
     }
+
+    #[test]
+    fn two_poses_weigh_as_the_densities_of_what_each_should_read_and_all_together_one() {
+        // A square of 3 m inside walls: their faces are at 0.5 and 3.5 m.
+        let cells = (0..64)
+            .map(|i| {
+                let is_wall = [i % 8, i / 8].iter().any(|c| *c == 0 || *c == 7);
+                if is_wall { Cell::Occupied } else { Cell::Free }
+            })
+            .collect();
+        let plan = FloorPlan::from_cells(8, 0.5, [0.0, 0.0], cells).unwrap();
+        let noise = ThesisNoise {
+            sense_m: 0.1,
+            ..ThesisNoise::AS_WRITTEN
+        };
+        let mut filter = ThesisLocator::new(noise, &plan, 1);
+        for x in [3.0, 2.9] {
+            filter.particles.push(x, 2.0, 0.0, 1.0);
+        }
+        filter.pending.push([0.52, 0.0]);
+        filter.weigh(&Planar::default());
+        let [near, far] = [0, 1].map(|i| f64::from(filter.particles.weight[i]));
+        let length = filter.length_m;
+        let ratio = density(0.52, 0.5, 0.1, length) / density(0.52, 0.6, 0.1, length);
+        assert!((near / far - ratio).abs() < 1e-4 * ratio, "{near} {far}");
+        assert!((near + far - 1.0).abs() < 1e-6);
+    }
 }

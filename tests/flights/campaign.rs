@@ -1,0 +1,76 @@
+//! The fault-injection campaign: every fault in every mode and room, judged by truth.
+
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a test program prints its figures and fails where it stands"
+)]
+
+use bridge::experiment::{Campaign, Case, Fault, Trouble, fly, report};
+use bridge::io::clock::monotonic_ns;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+#[test]
+fn faults_in_all_modes_and_rooms_end_as_their_row_says() {
+    // A share of it; the whole with KESTREL_CAMPAIGN=2000.
+    let flights: u64 = match std::env::var("KESTREL_CAMPAIGN") {
+        Ok(n) => n.parse().unwrap(),
+        Err(_) => 2 * Fault::ALL.len() as u64,
+    };
+    let campaign = Campaign::default();
+    let (next, flown) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    let began = monotonic_ns();
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed >= flights {
+                        break;
+                    }
+                    let case = campaign.case(seed);
+                    let outcome = fly(&campaign, &case).unwrap();
+                    flown.lock().unwrap().push((case, outcome));
+                }
+            });
+        }
+    });
+    let mut flown = flown.into_inner().unwrap();
+    flown.sort_by_key(|(case, _)| case.seed);
+    println!("FIGURES");
+    println!("{}", report("docs/examples/faults.toml", &flown));
+    println!(
+        "{flights} flights in {:.0} s",
+        (monotonic_ns() - began) as f64 * 1e-9
+    );
+    println!("END");
+    // Open: without the down-ranger some flights touch a wall, with the barometer alone for the height.
+    let is_open = |case: &Case| case.faults().any(|f| f == Fault::DownSilent);
+    let bad: Vec<_> = flown
+        .iter()
+        .filter(|(case, o)| !o.is_good() && !is_open(case))
+        .collect();
+    assert!(
+        bad.is_empty(),
+        "{} of {flights} flights went wrong",
+        bad.len()
+    );
+}
+
+#[test]
+fn a_vehicle_without_its_failsafe_is_caught_by_the_judge() {
+    // Without the row nobody acts: the campaign must see that.
+    let mut campaign = Campaign::parse("faults = [\"ground-silent\"]\nmodes = [\"hold\"]").unwrap();
+    campaign
+        .params
+        .insert("NAV_DLL_ACT".to_owned(), "disabled".to_owned().into());
+    let mut case = campaign.case(1);
+    case.second = None;
+    let outcome = fly(&campaign, &case).unwrap();
+    assert!(
+        outcome.troubles.contains(&Trouble::Silent),
+        "{:?}",
+        outcome.troubles
+    );
+}
