@@ -75,14 +75,14 @@ fn assert_explained(messages: &[String]) {
 
 #[test]
 fn every_refusal_has_its_row_with_what_to_do_about_it() {
-    let door = read("bridge/src/autopilot/door.rs");
-    assert_explained(&literals(&door, "impl fmt::Display for Refusal"));
+    let source = read("bridge/src/autopilot/door/refusal.rs");
+    assert_explained(&literals(&source, "impl fmt::Display for Refusal"));
 }
 
 #[test]
 fn every_failsafe_is_told_by_a_reason_that_has_its_row() {
-    let door = read("bridge/src/autopilot/door.rs");
-    let mut reasons = literals(&door, "impl Because {");
+    let source = read("bridge/src/autopilot/door/refusal.rs");
+    let mut reasons = literals(&source, "impl Because {");
     // No failsafes.
     reasons.retain(|r| !["asked for", "finished"].contains(&r.as_str()));
     assert_explained(&reasons);
