@@ -42,7 +42,7 @@ impl AxisModel {
     /// Level: tilt follows within about 100 ms.
     pub const LEVEL: Self = Self {
         lag_s: 0.10,
-        weights: [0.08, 1.2, 1.2],
+        weights: [0.15, 2.2, 1.2],
         effort: 0.4,
     };
     /// Height: thrust follows within about 50 ms.

@@ -31,9 +31,8 @@ vehicle::params! {
     pub struct ControlParams {
         /// Which law flies.
         variant: choice<Variant> "KST_CTL_VARIANT" = Variant::Cascade;
-        /// Position error to velocity. A step is flown along a curve, so this only holds the place: a third of the velocity loop's
-        /// bandwidth follows less of what localization wanders by.
-        xy_p: float "MPC_XY_P" = 0.8, "1/s", 0.1..=3.0;
+        /// Position error to velocity (chosen: half of the velocity loop's bandwidth).
+        xy_p: float "MPC_XY_P" = 1.3, "1/s", 0.1..=3.0;
         /// Velocity error to acceleration (chosen for 60 ms dead time and 100 ms attitude response: 6 dB gain margin).
         xy_vel_p: float "MPC_XY_VEL_P_ACC" = 2.4, "1/s", 0.2..=6.0;
         /// Velocity error integral to acceleration.

@@ -22,6 +22,8 @@ const PLACE_PER_S: f64 = 2.0;
 const VELOCITY_PER_S: f64 = 10.0;
 /// Share of `MPC_ACC_HOR` that the curve speeds up with: the rest is for corrections, and less tilt sees more level.
 const ACCEL_SHARE: f64 = 0.7;
+/// Faster than this it is under way, m/s.
+const UNDER_WAY_MPS: f64 = 0.15;
 /// Something holds the vehicle farther off its curve than this, m, or it is elsewhere: the curve begins anew where it is.
 const LEASH_M: f64 = 0.6;
 
@@ -33,6 +35,8 @@ pub struct PlaceReference {
     accel: Vector2<f64>,
     /// What a vehicle with the lag flies of it, m/s2.
     followed_accel: Vector2<f64>,
+    /// Begun under way it is no faster than it began, m/s: what is left of a leg is flown at the leg's speed. 0 at rest: no limit.
+    begun_mps: f64,
 }
 
 impl PlaceReference {
@@ -50,6 +54,11 @@ impl PlaceReference {
             velocity: ahead,
             accel: asked,
             followed_accel: accel,
+            begun_mps: if velocity.norm() > UNDER_WAY_MPS {
+                velocity.norm()
+            } else {
+                0.0
+            },
         }
     }
 
@@ -86,7 +95,10 @@ impl PlaceReference {
 
     /// A step towards `target`, m.
     pub fn step(&mut self, p: &ControlParams, dt_s: f64, target: Vector2<f64>) {
-        let wanted = approach(p, PLACE_PER_S, target - self.place);
+        let mut wanted = approach(p, PLACE_PER_S, target - self.place);
+        if self.begun_mps > 0.0 {
+            wanted = wanted.cap_magnitude(self.begun_mps);
+        }
         let accel =
             ((wanted - self.velocity) * VELOCITY_PER_S).cap_magnitude(ACCEL_SHARE * p.acc_hor);
         self.accel += (accel - self.accel).cap_magnitude(p.jerk_max * dt_s);

