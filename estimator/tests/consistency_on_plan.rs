@@ -183,7 +183,11 @@ fn consistency(what: &str, params: &EstimatorParams) -> Vec<f64> {
                 per_step.len()
             );
             assert!(mean <= 1.0, "{ring}: {part} is over-confident: {mean}");
-            assert_eq!(too_sure, 0, "{ring}: {part} is over-confident at times");
+            // The band holds 95 %: by chance alone one step in forty is above it.
+            assert!(
+                40 * too_sure <= per_step.len(),
+                "{ring}: {part} is over-confident at times"
+            );
         }
         println!(
             " {ring}: position within 3 sigma at {within:.2} % of {} steps, {} not localized",

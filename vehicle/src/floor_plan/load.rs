@@ -54,6 +54,9 @@ impl FloorPlan {
         let bytes =
             image_bytes(image_name).map_err(|e| PlanError::Image(format!("{image_name}: {e}")))?;
         let (width, pixels) = gray_pixels(&bytes)?;
+        if width == 0 {
+            return Err(PlanError::NoFreeCell);
+        }
         let cell = |gray: u8| {
             let g = f64::from(gray) / 255.0;
             let occupancy = if negate { g } else { 1.0 - g };
@@ -305,6 +308,8 @@ mod tests {
             load("image: a\nresolution: -1\norigin: [0,0,0]", good())
                 .contains("is outside 0.005..=1")
         );
+        let no_width = load(YAML, b"P5\n0 0\n255\n".to_vec());
+        assert_eq!(no_width, PlanError::NoFreeCell.to_string());
         let kestrel = |extras: &str| load(&format!("{YAML}kestrel: {extras}"), good());
         assert!(kestrel("{doors: [{name: a, a: [1, 2]}]}").contains("kestrel.doors"));
         assert!(kestrel("{no_fly: [[[1, 2], [2, 3]]]}").contains("three corners"));
