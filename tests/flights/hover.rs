@@ -76,10 +76,10 @@ fn descend(land_mps: &str, from_m: f64) -> Descended {
         lowest = lowest.min(*z);
         rose_m = rose_m.max(z - lowest);
     }
-    let before = path.iter().filter(|p| p.0 < stood_s - 0.03);
+    let mut before = path.iter().filter(|p| p.0 < stood_s - 0.03);
     Descended {
         speed_mps: (high - low) / (at(low) - at(high)),
-        touch_mps: before.last().map_or(f64::NAN, |p| p.2),
+        touch_mps: before.next_back().map_or(f64::NAN, |p| p.2),
         rose_m,
         disarmed_s: t - stood_s,
     }

@@ -76,7 +76,7 @@ mod tests {
         let mut said = Vec::new();
         for ms in 0..6000 {
             // Frames from 0.4 s to 2 s, then somebody opens its menu, then they come again.
-            if (400..2000).contains(&ms) && ms % 10 == 0 || ms >= 4000 && ms % 10 == 0 {
+            if ((400..2000).contains(&ms) || ms >= 4000) && ms % 10 == 0 {
                 words.heard(at(ms));
             }
             said.extend(words.poll(at(ms)).map(|w| (ms, w.bytes())));

@@ -286,7 +286,13 @@ fn speeds_stand_between_two_actions_and_the_length_of_the_filter_is_the_delay_of
             .map(|s| s.speeds_radps)
             .collect::<Vec<_>>()
     };
-    let changes = |speeds: &[[f64; 4]]| speeds.windows(2).filter(|w| w[0] != w[1]).count();
+    let bits = |speeds: [f64; 4]| speeds.map(f64::to_bits);
+    let changes = |speeds: &[[f64; 4]]| {
+        speeds
+            .windows(2)
+            .filter(|w| bits(w[0]) != bits(w[1]))
+            .count()
+    };
     let (every, third) = (speeds(1, 6), speeds(3, 6));
     assert_eq!(every.len(), third.len());
     let (n, m) = (changes(&every), changes(&third));
