@@ -159,7 +159,7 @@ fn a_place_that_wanders_in_the_estimate_moves_the_vehicle_less() {
     for _ in 0..(600.0 / RC_PERIOD_S) as u32 {
         wander = wander.map(|w| w * step + SIGMA_M * (1.0 - step * step).sqrt() * normal());
         let see = |mut nav: NavState| {
-            nav.position = nav.position + In::new(wander[0], wander[1], 0.0);
+            nav.position += In::new(wander[0], wander[1], 0.0);
             nav
         };
         f.fly_with(
