@@ -35,7 +35,7 @@ const RECORDS: usize = 2048;
 /// Rows between two flushes.
 const FLUSH_EVERY: u32 = 50;
 
-/// The files, in the order of [`Stream`].
+/// The files, in the order of `Stream`.
 pub const FILES: [&str; 9] = [
     "imu_raw.log",
     "kalman_in.log",

@@ -34,9 +34,9 @@ pub enum Request {
     GoTo(GoTo),
     /// Fly around something until told otherwise, in mode Hold.
     Figure(FigureRequest),
-    /// Replace the plan. The old one comes back in [`Event::PlanRetired`].
+    /// Replace the plan. The old one comes back in [`Event::PlanRetired`](super::Event::PlanRetired).
     SetPlan(Arc<Plan>),
-    /// Replace fence and rally points. The old ones come back in [`Event::SiteRetired`].
+    /// Replace fence and rally points. The old ones come back in [`Event::SiteRetired`](super::Event::SiteRetired).
     SetSite(Arc<Site>),
     /// Continue the plan at an item.
     SetMissionItem(u16),

@@ -74,7 +74,7 @@ pub struct UquadFlightConfig {
     pub seed: u64,
     /// Of the inertial unit.
     pub calibration: Calibration,
-    /// Law and filter, from [`laws::config`](super::laws::config).
+    /// Law and filter, from [`laws::config`](crate::uquad::laws::config).
     pub uquad: UquadConfig,
     /// Gains are made again for headings they were not made for; none = they are from a file and stay.
     pub weights: Option<Weights>,
