@@ -7,7 +7,7 @@
 //! | Module | Does |
 //! | --- | --- |
 //! | [`controller`] | [`Controller`]: one step from [`vehicle::Setpoint`] to [`vehicle::Sticks`], degrading when the state does |
-//! | [`reference`] | the curve on which a place is approached, limited in speed, acceleration and jerk |
+//! | [`reference`](mod@reference) | the curve on which a place is approached, limited in speed, acceleration and jerk |
 //! | [`position`] | position P, velocity PID, acceleration and jerk limits, tilt |
 //! | [`altitude`] | height P, climb PI |
 //! | [`thrust`] | thrust to throttle, with the hover command learnt in flight |
