@@ -36,6 +36,25 @@ const NUMBERS: [&[u8]; 8] = [
     b"0.0000001",
 ];
 
+/// The inputs of a plain test run: from a fixed seed, for at most two seconds.
+pub(crate) fn fixed_inputs() -> impl Iterator<Item = Vec<u8>> {
+    // SplitMix64 (Steele, Lea and Flood, 2014).
+    let mut state = 20_000u64;
+    let mut next = move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (state ^ (state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    };
+    let start = std::time::Instant::now();
+    (0..10_000)
+        .take_while(move |_| start.elapsed().as_secs() < 2)
+        .map(move |_| {
+            let length = next() % 512;
+            (0..length).map(|_| next() as u8).collect()
+        })
+}
+
 /// Inputs of a target as they are really met.
 pub(crate) struct Seeds(Vec<Vec<u8>>);
 

@@ -1,13 +1,15 @@
 //! Every parser and every service fed with whatever a line, a file or a station may bring: nothing panics, nothing grows without bound,
 //! and what is said back stays within what was asked.
 //!
-//! Each target has seeds (`seeds/NAME/`, things as they are really met) and, once something was found, `__fuzz__/NAME/crashes`; both are
-//! replayed first. Then come random inputs, [bolero](https://docs.rs/bolero): each is fed as it is, and read as a list of edits to a seed
-//! ([`edits`]), so that it gets past magic numbers, checksums and brackets.
+//! Each target has seeds (`seeds/NAME/`: things as they are really met, and what once broke it), fed first. Then come random inputs: each is
+//! fed as it is, and read as a list of edits to a seed ([`edits`]), so that it gets past magic numbers, checksums and brackets.
+//!
+//! In a plain test run the inputs are the same every time, so that a change is blamed only for what it did. Searching is asked for by any
+//! variable of [bolero](https://docs.rs/bolero), which then draws fresh inputs:
 //!
 //! | | |
 //! | --- | --- |
-//! | `cargo test --profile ci -p flight-tests --test fuzz` | two seconds each |
+//! | `cargo test --profile ci -p flight-tests --test fuzz` | the same 20,000 inputs each time, or as many of them as two seconds hold |
 //! | `BOLERO_RANDOM_TEST_TIME_MS=600000 cargo test ... --test fuzz ground` | one target for ten minutes |
 //! | `BOLERO_RANDOM_ITERATIONS=10000000 ...` | so many inputs |
 //! | `BOLERO_RANDOM_SEED=N ...` | the input that failed, as the failure names it |
@@ -38,6 +40,17 @@ macro_rules! fuzz {
             for seed in seeds.iter() {
                 target(seed);
                 runs += 1;
+            }
+            if !std::env::vars_os().any(|(k, _)| k.to_string_lossy().starts_with("BOLERO_")) {
+                for input in crate::edits::fixed_inputs() {
+                    target(&input);
+                    target(&seeds.edited(&input));
+                    runs += 2;
+                }
+                println!("FIGURES fuzz {}", stringify!($name));
+                println!("{runs} inputs, the same every time");
+                println!("END");
+                return;
             }
             let count = std::sync::atomic::AtomicU64::new(runs);
             bolero::check!()

@@ -96,7 +96,7 @@ pub enum DrawingError {
 /// [`DrawingError`] names the mark, or what is wrong with the picture.
 pub fn from_drawing(bytes: &[u8], marks: &Marks) -> Result<FloorPlan, DrawingError> {
     let (width, pixels) = load::gray_pixels(bytes)?;
-    let height = pixels.len() / width.max(1);
+    let height = pixels.len() / width;
     let (a, b, metres) = marks.scale;
     let apart = libm::hypot(b[0] - a[0], b[1] - a[1]);
     if !(apart > 0.0 && metres > 0.0 && metres.is_finite() && apart.is_finite()) {

@@ -54,9 +54,6 @@ impl FloorPlan {
         let bytes =
             image_bytes(image_name).map_err(|e| PlanError::Image(format!("{image_name}: {e}")))?;
         let (width, pixels) = gray_pixels(&bytes)?;
-        if width == 0 {
-            return Err(PlanError::NoFreeCell);
-        }
         let cell = |gray: u8| {
             let g = f64::from(gray) / 255.0;
             let occupancy = if negate { g } else { 1.0 - g };
@@ -199,7 +196,7 @@ impl FloorPlan {
     }
 }
 
-/// Width and 8-bit grey values, rows from the top.
+/// Width and 8-bit grey values, rows from the top; at least one pixel.
 pub(super) fn gray_pixels(bytes: &[u8]) -> Result<(usize, Vec<u8>), PlanError> {
     let broken = |e: &dyn std::fmt::Display| PlanError::Image(e.to_string());
     let reader = || {
@@ -213,6 +210,9 @@ pub(super) fn gray_pixels(bytes: &[u8]) -> Result<(usize, Vec<u8>), PlanError> {
     };
     let (w, h) = reader()?.into_dimensions().map_err(|e| broken(&e))?;
     let pixels = u64::from(w) * u64::from(h);
+    if pixels == 0 {
+        return Err(PlanError::NoFreeCell);
+    }
     if pixels > MAX_PIXELS {
         return Err(PlanError::TooLarge { pixels });
     }
