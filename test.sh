@@ -18,7 +18,7 @@ passed=0 failed=0 skipped=0
 log_dir=target/test-logs
 mkdir -p "$log_dir"
 
-say() { printf '\n== %s\n' "$*"; }
+say() { printf '\n== %s (%d:%02d)\n' "$*" $(((SECONDS - start) / 60)) $(((SECONDS - start) % 60)); }
 
 # check NAME COMMAND...: one test that passes or fails.
 check() {
@@ -35,8 +35,8 @@ check() {
     fi
 }
 
-command -v cargo >/dev/null || { echo "Rust is needed: https://rustup.rs"; exit 1; }
 start=$SECONDS
+command -v cargo >/dev/null || { echo "Rust is needed: https://rustup.rs"; exit 1; }
 
 say "format and lints"
 if cargo fmt --version >/dev/null 2>&1; then
@@ -123,6 +123,6 @@ if [ $quick -eq 0 ]; then
     fi
 fi
 
-say "done in $(((SECONDS - start) / 60)) min $(((SECONDS - start) % 60)) s"
+say "done"
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" -eq 0 ]
