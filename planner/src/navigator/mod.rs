@@ -22,7 +22,7 @@ use crate::coverage::Coverage;
 use crate::evade::Evader;
 use crate::fence::{Fence, Site, Zone};
 use crate::params::PlannerParams;
-use crate::route::{MAX_CORNERS, Path, RouteError, Router};
+use crate::route::{CLEARANCE_MAX_M, MAX_CORNERS, Path, RouteError, Router};
 use crate::tracks::Tracker;
 use crate::vfh::config::{VfhParams, VfhVariant};
 use crate::vfh::grid::{CertaintyGrid, OBSTACLE};
@@ -182,14 +182,15 @@ impl Navigator {
         outline(&Fence::new(zones), |p| {
             no_fly.push(In::new(p[0], p[1], 0.0))
         });
-        let mut router = Router::new(Arc::clone(&plan), radius_m, &params);
+        let field = plan.distance_field(CLEARANCE_MAX_M);
+        let mut router = Router::with_field(Arc::clone(&plan), &field, radius_m, &params);
         router.measure_from(anchor.to_map(In::zero()));
         Self {
             anchor,
             radius_m,
             router,
             walls: WallRaster::new(&plan),
-            wall_distance: plan.distance_field(0.6),
+            wall_distance: field.cut(0.6),
             grid: CertaintyGrid::new(plan.origin(), size_m, &vfh),
             coverage: Coverage::default(),
             tracker: Tracker::default(),

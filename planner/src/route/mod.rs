@@ -17,7 +17,7 @@ use search::Node;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 use thiserror::Error;
-use vehicle::floor_plan::Cell;
+use vehicle::floor_plan::{Cell, DistanceField};
 use vehicle::{FloorPlan, In, Map, MapAnchor};
 
 /// Most corners of a way.
@@ -34,7 +34,7 @@ const SEEN_WHOLE_M: f64 = 1.0;
 /// round is some metres longer.
 const TIGHT_COST: f32 = 15.0;
 /// Distances beyond this do not matter for the clearance cost, m.
-const CLEARANCE_MAX_M: f64 = 2.0;
+pub(crate) const CLEARANCE_MAX_M: f64 = 2.0;
 
 /// A way, start and goal included, on the plan.
 pub type Path = ArrayVec<In<Map>, MAX_CORNERS>;
@@ -118,6 +118,17 @@ impl Router {
     /// A router for a vehicle of this radius on this plan.
     #[must_use]
     pub fn new(plan: Arc<FloorPlan>, radius_m: f64, params: &PlannerParams) -> Self {
+        let field = plan.distance_field(CLEARANCE_MAX_M);
+        Self::with_field(plan, &field, radius_m, params)
+    }
+
+    /// The same with the plan's distances at hand, at least to [`CLEARANCE_MAX_M`].
+    pub(crate) fn with_field(
+        plan: Arc<FloorPlan>,
+        field: &DistanceField,
+        radius_m: f64,
+        params: &PlannerParams,
+    ) -> Self {
         let coarse = libm::ceil(CELL_MIN_M / plan.resolution_m() - 1e-9).max(1.0) as usize;
         let grid = Grid {
             width: plan.width().div_ceil(coarse),
@@ -125,7 +136,6 @@ impl Router {
             cell_m: plan.resolution_m() * coarse as f64,
             origin: plan.origin(),
         };
-        let field = plan.distance_field(CLEARANCE_MAX_M);
         let half_cell = 0.5 * plan.resolution_m();
         let clearance_m: Vec<f32> = (0..grid.len() as u32)
             .map(|i| {

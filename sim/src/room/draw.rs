@@ -162,12 +162,22 @@ impl Drawing {
     fn raster(&self) -> FloorPlan {
         let cells_along = |m: f64| libm::round((m + 2.0 * OUTER_M) / RESOLUTION_M) as usize;
         let (width, height) = (cells_along(self.size_m[0]), cells_along(self.size_m[1]));
-        let mut cells = Vec::with_capacity(width * height);
-        for row in 0..height {
-            for column in 0..width {
-                let centre = [column, row].map(|i| (i as f64 + 0.5) * RESOLUTION_M - OUTER_M);
-                let solid = self.solids.iter().any(|s| inside_convex(centre, s));
-                cells.push(if solid { Cell::Occupied } else { Cell::Free });
+        let mut cells = vec![Cell::Free; width * height];
+        for solid in &self.solids {
+            // The cells that its corners lie among.
+            let among = |axis: usize, most: usize| {
+                let cell = |corner: &[f64; 2]| (corner[axis] + OUTER_M) / RESOLUTION_M;
+                let low = solid.iter().map(cell).fold(f64::INFINITY, f64::min);
+                let high = solid.iter().map(cell).fold(0.0, f64::max);
+                (low.max(0.0) as usize)..(high as usize + 1).min(most)
+            };
+            for row in among(1, height) {
+                for column in among(0, width) {
+                    let centre = [column, row].map(|i| (i as f64 + 0.5) * RESOLUTION_M - OUTER_M);
+                    if inside_convex(centre, solid) {
+                        cells[row * width + column] = Cell::Occupied;
+                    }
+                }
             }
         }
         let mut plan = FloorPlan::from_cells(width, RESOLUTION_M, [-OUTER_M, -OUTER_M], cells)

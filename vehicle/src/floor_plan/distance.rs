@@ -70,6 +70,17 @@ impl DistanceField {
         &self.distances_m
     }
 
+    /// The same cut at a smaller distance, m.
+    #[must_use]
+    pub fn cut(&self, max_m: f64) -> Self {
+        let mut cut = self.clone();
+        cut.max_m = max_m.min(self.max_m);
+        for d in &mut cut.distances_m {
+            *d = d.min(cut.max_m as f32);
+        }
+        cut
+    }
+
     /// Where distances are cut, m.
     #[must_use]
     pub const fn max_m(&self) -> f64 {
@@ -146,6 +157,7 @@ mod tests {
             cells[seed as usize % (w * h)] = Cell::Occupied;
             let plan = FloorPlan::from_cells(w, 1.0, [0.0, 0.0], cells.clone()).unwrap();
             let field = plan.distance_field(1e9);
+            prop_assert_eq!(field.cut(2.0), plan.distance_field(2.0));
             for y in 0..h { for x in 0..w {
                 let best = (0..w * h).filter(|i| cells[*i] == Cell::Occupied).map(|i| {
                     let (dx, dy) = ((i % w) as f64 - x as f64, (i / w) as f64 - y as f64);
