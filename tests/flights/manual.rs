@@ -1,7 +1,7 @@
 //! A pilot who pushes the stick all the way: at a wall, into a corner, at a person, at glass, in every stick mode.
 //!
 //! The vehicle stops at least 0.25 m off, touches nothing, and slides along what it is pushed at aslant. A few seeds by
-//! default, twenty with `KESTREL_FULL=1`.
+//! default, twenty with `KESTREL_FULL=1`, one with `KESTREL_SEED=N`.
 
 #![allow(
     clippy::print_stdout,
@@ -31,6 +31,12 @@ const STICK_MODES: [(&str, Px4Mode); 3] = [
 ];
 
 fn seeds(few: u64) -> std::ops::RangeInclusive<u64> {
+    if let Some(seed) = std::env::var("KESTREL_SEED")
+        .ok()
+        .and_then(|s| s.parse().ok())
+    {
+        return seed..=seed;
+    }
     let full = std::env::var_os("KESTREL_FULL").is_some_and(|v| v == "1");
     1..=if full { 20 } else { few }
 }

@@ -16,6 +16,8 @@ const CLAIM_WEIGHT: f64 = 0.5;
 /// The published place is refuted if another is better by this much, and explains this much more of the returns.
 const REFUTED: f64 = 6.0;
 const REFUTED_FIT: f64 = 0.1;
+/// ... and this much of them where the plan is hidden: two walls of something unmapped look like a corner of the plan.
+const REFUTED_HIDDEN_FIT: f64 = 0.92;
 /// Unanswered for this long, a search is asked again, s.
 const ANSWER_S: f64 = 10.0;
 
@@ -68,9 +70,14 @@ impl Locator {
             if is_same {
                 self.is_doubted = false;
             }
+            let least_fit = if self.phase == Phase::Localized && self.is_hidden() {
+                REFUTED_HIDDEN_FIT
+            } else {
+                self.good_fit
+            };
             let is_refuted = !is_same
                 && advantage >= REFUTED
-                && best.fit >= self.good_fit
+                && best.fit >= least_fit
                 && best.fit >= held.fit + REFUTED_FIT;
             if self.phase == Phase::Localized {
                 if !is_refuted {
