@@ -16,8 +16,9 @@ const CLAIM_WEIGHT: f64 = 0.5;
 /// The published place is refuted if another is better by this much, and explains this much more of the returns.
 const REFUTED: f64 = 6.0;
 const REFUTED_FIT: f64 = 0.1;
-/// ... and this much of them where the plan is hidden: two walls of something unmapped look like a corner of the plan.
-const REFUTED_HIDDEN_FIT: f64 = 0.92;
+/// ... and nearly all of them where the plan is hidden (two walls of something unmapped look like a corner of the plan) or the place
+/// explains most of what is seen now (glass that the plan shows is looked through: from the other end of a hall it is not).
+const REFUTED_UNLESS_BAD_FIT: f64 = 0.9;
 /// Unanswered for this long, a search is asked again, s.
 const ANSWER_S: f64 = 10.0;
 
@@ -70,8 +71,10 @@ impl Locator {
             if is_same {
                 self.is_doubted = false;
             }
-            let least_fit = if self.phase == Phase::Localized && self.is_hidden() {
-                REFUTED_HIDDEN_FIT
+            let is_held = self.phase == Phase::Localized
+                && (self.is_hidden() || self.status.fit >= self.bad_fit);
+            let least_fit = if is_held {
+                REFUTED_UNLESS_BAD_FIT
             } else {
                 self.good_fit
             };
