@@ -1,11 +1,15 @@
 #!/usr/bin/env bash
 # Runs every test: format, lints, unit and property tests, flights in virtual time, documentation, the real MAVLink clients against the
-# release binary, and the console in Chromium. Installs what it needs (a Python environment in .venv, Chromium) and says so.
+# program, and the console in Chromium. Installs what it needs (a Python environment in .venv, Chromium) and says so.
 # Ends with one line: N passed, N failed, N skipped. Exit code 0 only if nothing failed.
+#
+# Clients and browser meet the program of the tests' own profile, `ci`: optimized, with debug assertions, and built already.
+# KESTREL_RELEASE=1 builds the release profile (seven minutes on two cores) and lets them meet that; ./perf.sh measures it in any case.
 #
 #   ./test.sh            everything
 #   ./test.sh --quick    without the Python clients and the browser
 #   KESTREL_FULL=1 ./test.sh    the long campaigns too (20 seeds everywhere)
+#   KESTREL_RELEASE=1 ./test.sh clients and browser with the release binary
 #   KESTREL_DATA=DIR     where the recordings are (default ../shared/data); tests that need them are skipped without
 set -uo pipefail
 cd "$(dirname "$0")"
@@ -72,8 +76,10 @@ say "documentation"
 check "rustdoc" env RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --profile ci --locked
 
 if [ $quick -eq 0 ]; then
-    say "release binary"
-    check "release build" cargo build --release --locked
+    profile=ci
+    [ -z "${KESTREL_RELEASE:-}" ] || profile=release
+    say "the program"
+    check "build ($profile)" cargo build --profile "$profile" --locked
 
     say "real clients"
     if ! python3 -c 'import venv, ensurepip' >/dev/null 2>&1; then
@@ -92,7 +98,7 @@ if [ $quick -eq 0 ]; then
     fi
     if [ -e "$stamp" ]; then
         python_log="$log_dir/python.log"
-        KESTREL_BIN="$PWD/target/release/kestrel" .venv/bin/python tests/python/run.py 2>&1 | tee "$python_log"
+        KESTREL_BIN="$PWD/target/$profile/kestrel" .venv/bin/python tests/python/run.py 2>&1 | tee "$python_log"
         read -r p f s < <(sed -nE 's/^([0-9]+) passed, ([0-9]+) failed, ([0-9]+) skipped$/\1 \2 \3/p' "$python_log" | tail -n 1)
         passed=$((passed + ${p:-0})) failed=$((failed + ${f:-1})) skipped=$((skipped + ${s:-0}))
     else
@@ -115,7 +121,7 @@ if [ $quick -eq 0 ]; then
     fi
     if [ -n "$chromium" ] && [ -e target/browser/node_modules/playwright-core ]; then
         browser_log="$log_dir/browser.log"
-        CHROMIUM="$chromium" KESTREL_BIN="$PWD/target/release/kestrel" node tests/browser/console.mjs 2>&1 | tee "$browser_log"
+        CHROMIUM="$chromium" KESTREL_BIN="$PWD/target/$profile/kestrel" node tests/browser/console.mjs 2>&1 | tee "$browser_log"
         read -r p f s < <(sed -nE 's/^([0-9]+) passed, ([0-9]+) failed, ([0-9]+) skipped$/\1 \2 \3/p' "$browser_log" | tail -n 1)
         passed=$((passed + ${p:-0})) failed=$((failed + ${f:-1})) skipped=$((skipped + ${s:-0}))
     else

@@ -21,7 +21,7 @@ def test_calibration_motor_test_and_restart_on_the_ground_only():
         station.command(CALIBRATE, 0, 0, 0, 0, 0, 0, 0)
 
         station.command(MOTOR, 1, 0, 8, 1, expect="DENIED")
-        assert station.has_said("propellers off", "KST_MOTOR_TEST")
+        station.wait_for(lambda: station.has_said("propellers off", "KST_MOTOR_TEST"), 3.0, "the reason")
         station.set_param("KST_MOTOR_TEST", 1)
         station.command(MOTOR, 1, 0, 8, 2)
         station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, expect="TEMPORARILY_REJECTED")

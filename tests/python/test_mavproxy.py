@@ -1,7 +1,9 @@
 """Row 8: MAVProxy 1.8.75 without a window, driven as somebody at its prompt would."""
 
+import contextlib
 import math
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -31,6 +33,14 @@ def use(_):
     os._exit(0)
 """
 
+# That process is a fork, and closes its standard input first. Where this is a pipe, a thread of MAVProxy reads from it and holds its lock:
+# the fork would wait for ever.
+FORK = """
+import multiprocessing.util
+
+multiprocessing.util._close_stdin = lambda: None
+"""
+
 
 class Prompt:
     """MAVProxy with its standard input and output."""
@@ -40,6 +50,7 @@ class Prompt:
         self.graph_file = folder / "graph.txt"
         (folder / "headless").mkdir(exist_ok=True)
         (folder / "headless" / "matplotlib.py").write_text(HEADLESS)
+        (folder / "headless" / "sitecustomize.py").write_text(FORK)
         paths = f"{folder / 'headless'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
         self.process = subprocess.Popen(
             [sys.executable, "-u", str(script), f"--master=udpout:127.0.0.1:{port}", f"--default-modules={MODULES}"],
@@ -57,6 +68,7 @@ class Prompt:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
+            start_new_session=True,
         )
         self.transcript = ""
         threading.Thread(target=self._read, daemon=True).start()
@@ -90,6 +102,9 @@ class Prompt:
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
+        # Its graphs too.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
 
 
 WAY = ("lab-corridor", "corridor", "lab-corridor")

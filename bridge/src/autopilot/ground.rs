@@ -10,7 +10,7 @@ use crate::gcs::ftp::FtpService;
 use crate::gcs::keys::KeyConsole;
 use crate::gcs::log_transfer::LogService;
 use crate::gcs::manual::ManualService;
-use crate::gcs::mission::MissionService;
+use crate::gcs::mission::{MissionService, Walls};
 use crate::gcs::operator::{Control, OperatorControl};
 use crate::gcs::out_queue::{Class, OutQueue};
 use crate::gcs::params::ParamService;
@@ -218,7 +218,6 @@ impl Ground {
             .iter()
             .map(|r| (r.name.clone(), anchor.to_ned(In::new(r.x, r.y, 0.0))))
             .collect();
-        let places = planner::Router::new(plan, airframe.radius_m, &settings.planner);
         let mut ground = Self {
             us,
             anchor,
@@ -230,7 +229,7 @@ impl Ground {
             telemetry: Telemetry::new(),
             text: TextService::new(),
             params: ParamService::new(),
-            mission: MissionService::new(Some(places)),
+            mission: MissionService::new(Some(Walls::new(plan, airframe.radius_m))),
             command: CommandService::new(),
             manual: ManualService::new(),
             setpoint: SetpointService::new(),

@@ -15,7 +15,7 @@ use vehicle::floor_plan::check::check;
 use vehicle::{Airframe, FloorPlan, In, Map};
 
 /// Room kept from walls beyond the radius where there is room, m.
-const MARGIN_M: f64 = 0.09;
+const MARGIN_M: f64 = 0.11;
 
 /// Make a patrol from a floor plan: a QGroundControl plan file and a picture.
 #[derive(Debug, Args)]

@@ -21,10 +21,12 @@ mod readers;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod walls;
 mod wire;
 
 pub use self::document::DOCUMENT;
 pub use self::points::{FENCE_DOCUMENT, POINTS_CAPACITY, RALLY_DOCUMENT};
+pub use self::walls::Walls;
 
 use self::points::{PointList, Survey};
 use self::readers::Readers;
@@ -39,7 +41,6 @@ use mavlink_dialect::mission_item::{MissionItem, mission_result, mission_type};
 use mavlink_dialect::{Address, Message, raw, standard};
 use planner::fence::Fence;
 use planner::mission::{Plan, PlanRefusal};
-use planner::route::Router;
 use std::sync::Arc;
 use vehicle::Timestamp;
 
@@ -109,7 +110,7 @@ struct Farewell {
 /// The mission service. After each call the outbox holds what follows from it.
 #[derive(Debug)]
 pub struct MissionService {
-    router: Option<Router>,
+    walls: Option<Walls>,
     stored: Arc<Stored>,
     change: Change,
     farewell: Option<Farewell>,
@@ -121,11 +122,11 @@ pub struct MissionService {
 }
 
 impl MissionService {
-    /// No plan yet. `router` knows the walls; without one places are not checked.
+    /// No plan yet. Without walls places are not checked.
     #[must_use]
-    pub fn new(router: Option<Router>) -> Self {
+    pub fn new(walls: Option<Walls>) -> Self {
         Self {
-            router,
+            walls,
             stored: Arc::default(),
             change: Change::None,
             farewell: None,
@@ -175,8 +176,8 @@ impl MissionService {
         match document.name {
             DOCUMENT => self.restore(now, &document.bytes, ctx, out),
             FENCE_DOCUMENT | RALLY_DOCUMENT => {
-                let router = self.router.as_mut();
-                let mut survey = Survey { router, ctx };
+                let walls = self.walls.as_mut();
+                let mut survey = Survey { walls, ctx };
                 let list = if document.name == FENCE_DOCUMENT {
                     &mut self.fence
                 } else {
@@ -249,8 +250,8 @@ impl MissionService {
             _ => None,
         };
         if let Some(list) = list {
-            let router = self.router.as_mut();
-            let mut survey = Survey { router, ctx };
+            let walls = self.walls.as_mut();
+            let mut survey = Survey { walls, ctx };
             return list.handle(now, from, raw, &mut survey, out);
         }
         if !matches!(raw, M::MISSION_ITEM_INT(_) | M::MISSION_ITEM(_)) && is_mission_message(raw) {
@@ -480,10 +481,10 @@ impl MissionService {
     }
 
     fn check(&mut self, plan: &Plan, ctx: &Context<'_>) -> Result<(), PlanRefusal> {
-        let Some(router) = &mut self.router else {
+        let Some(walls) = &mut self.walls else {
             return Ok(());
         };
-        router.set_params(&ctx.settings.planner);
+        let router = walls.router(&ctx.settings.planner);
         let is_kept = !matches!(
             ctx.settings.ground.fence_action,
             FenceAction::Disabled | FenceAction::Warn

@@ -116,6 +116,12 @@ fn sort_best_first<T>(items: &mut [T], score: impl Fn(&T) -> f64) {
     items.sort_by(|a, b| score(b).total_cmp(&score(a)));
 }
 
+/// The best blocks. Those that stand first win against equals, so that it does not matter how often this is called on the way.
+fn keep_best(blocks: &mut Vec<Scored>) {
+    sort_best_first(blocks, |b| f64::from(b.score));
+    blocks.truncate(MAX_BLOCKS);
+}
+
 /// What a reading counts, 0..=1.
 fn weight_of(reading: &Supported) -> f64 {
     f64::from(reading.support) / f64::from(FULL_SUPPORT)
@@ -202,7 +208,7 @@ impl<'a> Matcher<'a> {
         let columns = (self.field.width() as f32 / side) as usize + 1;
         let rows = (self.field.height() as f32 / side) as usize + 1;
         let step = side / FINE as f32;
-        let mut out = Vec::new();
+        let mut out = Vec::with_capacity(2 * MAX_BLOCKS);
         let mut open = Vec::new();
         for r in 0..rows {
             for c in 0..columns {
@@ -220,6 +226,10 @@ impl<'a> Matcher<'a> {
             let points = self.turned(yaw, every);
             let all: f32 = points.iter().map(|r| r.weight).sum();
             for (u, v) in &open {
+                // A large building has a hundred times as many blocks as are opened: only the best so far are held.
+                if out.len() == 2 * MAX_BLOCKS {
+                    keep_best(&mut out);
+                }
                 let mut sum = 0.0;
                 for reading in &points {
                     let code = reading.least(|px, py| self.field.nearest_around(u + px, v + py));
@@ -233,8 +243,7 @@ impl<'a> Matcher<'a> {
                 });
             }
         }
-        sort_best_first(&mut out, |b| f64::from(b.score));
-        out.truncate(MAX_BLOCKS);
+        keep_best(&mut out);
         out
     }
 

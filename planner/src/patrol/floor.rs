@@ -27,6 +27,9 @@ const NEIGHBOURS: [(i64, i64, f64); 8] = [
 /// A cell by its index: row times width plus column.
 pub type CellIndex = u32;
 
+/// Share of the margin that is kept where a corner of a room is looked into.
+const SPUR: f64 = 0.5;
+
 /// The plan as the patrol sees it.
 #[derive(Clone, Debug)]
 pub struct Floor {
@@ -41,6 +44,9 @@ pub struct Floor {
     fits: Vec<bool>,
     /// It fits with the margin too.
     is_roomy: Vec<bool>,
+    /// It fits with the margin, or into a corner of a room with some of it, or there is no room for the margin nearby: the middle of a
+    /// narrow passage.
+    is_lane: Vec<bool>,
     start: CellIndex,
     /// Cells of a disc of half a swath, each with the cells between it and the centre.
     disc: Vec<Ray>,
@@ -78,6 +84,7 @@ impl Floor {
             is_free: plan.cells().iter().map(|c| *c == Cell::Free).collect(),
             fits: vec![false; n],
             is_roomy: vec![false; n],
+            is_lane: vec![false; n],
             start: 0,
             disc: Vec::new(),
         };
@@ -122,6 +129,17 @@ impl Floor {
             floor.is_roomy[i] =
                 floor.fits[i] && f64::from(floor.clearance_m[i]) >= radius_m + margin_m;
         }
+        let near = (2.0 * margin_m / floor.cell_m) as i64;
+        for i in 0..n {
+            let (c, r) = floor.split(i as u32);
+            let mut around = (-near..=near).flat_map(|dr| (-near..=near).map(move |dc| (dc, dr)));
+            let is_room_near = around.any(|(dc, dr)| {
+                let cell = floor.at(c + dc, r + dr);
+                cell.is_some_and(|j| floor.is_roomy[j as usize])
+            });
+            let is_spur = f64::from(floor.clearance_m[i]) >= radius_m + SPUR * margin_m;
+            floor.is_lane[i] = floor.is_roomy[i] || floor.fits[i] && (is_spur || !is_room_near);
+        }
         floor.disc = disc(reach_m / floor.cell_m);
         Ok(floor)
     }
@@ -160,6 +178,12 @@ impl Floor {
     #[must_use]
     pub fn is_roomy(&self, i: CellIndex) -> bool {
         self.is_roomy[i as usize]
+    }
+
+    /// A lane may lead here: it fits with the margin, into a corner with a part of it, or there is no room for the margin nearby.
+    #[must_use]
+    pub fn is_lane(&self, i: CellIndex) -> bool {
+        self.is_lane[i as usize]
     }
 
     /// Distance to the nearest wall, m; negative where its centre may not be.

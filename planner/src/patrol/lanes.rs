@@ -140,7 +140,7 @@ impl Turned<'_> {
     fn lane(&self, cell: CellIndex, left: &[bool], reach: i64) -> Option<Lane> {
         let (across0, on0) = self.split(cell);
         let roomy = |i: CellIndex| self.floor.is_roomy(i);
-        let tight = |i: CellIndex| self.floor.fits(i);
+        let tight = |i: CellIndex| self.floor.is_lane(i);
         // One cell less than the reach: neighbouring lanes lie a swath apart, not a swath and a cell.
         let farthest = reach - 1;
         for is_ok in [&roomy as &dyn Fn(CellIndex) -> bool, &tight] {

@@ -190,5 +190,5 @@ fn nearest(floor: &Floor, x: i64, y: i64, within: i64) -> Option<CellIndex> {
         }
         best.map(|(_, i)| i)
     };
-    search(&|i| floor.is_roomy(i)).or_else(|| search(&|i| floor.fits(i)))
+    search(&|i| floor.is_roomy(i)).or_else(|| search(&|i| floor.is_lane(i)))
 }

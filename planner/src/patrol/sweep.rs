@@ -29,7 +29,7 @@ impl Default for SweepConfig {
     fn default() -> Self {
         Self {
             radius_m: 0.16,
-            margin_m: 0.09,
+            margin_m: 0.11,
             swath_m: 0.6,
             rooms: Vec::new(),
         }
@@ -207,7 +207,7 @@ fn fill_gaps(floor: &Floor, wanted: &[bool], path: &mut Vec<CellIndex>, reach: &
     let mut gain = vec![0u32; floor.len()];
     for i in 0..floor.len() as u32 {
         if left[i as usize] {
-            floor.swept_from(i, |j| gain[j as usize] += u32::from(floor.fits(j)));
+            floor.swept_from(i, |j| gain[j as usize] += u32::from(floor.is_lane(j)));
         }
     }
     let mut detours = Detours::new(floor, path);

@@ -21,14 +21,20 @@ fn drawn(rows: &[&str]) -> FloorPlan {
 
 /// An empty room with walls of one cell, m.
 fn room(w_m: f64, h_m: f64) -> FloorPlan {
-    let (w, h) = ((w_m * 10.0) as usize + 2, (h_m * 10.0) as usize + 2);
+    room_of(0.1, w_m, h_m)
+}
+
+/// A room of cells of a size.
+fn room_of(cell_m: f64, w_m: f64, h_m: f64) -> FloorPlan {
+    let cells = |m: f64| (m / cell_m).round() as usize + 2;
+    let (w, h) = (cells(w_m), cells(h_m));
     let cells = (0..w * h)
         .map(|i| {
             let is_wall = i % w == 0 || i % w == w - 1 || i / w == 0 || i / w == h - 1;
             if is_wall { Cell::Occupied } else { Cell::Free }
         })
         .collect();
-    FloorPlan::from_cells(w, 0.1, [0.0, 0.0], cells).unwrap()
+    FloorPlan::from_cells(w, cell_m, [0.0, 0.0], cells).unwrap()
 }
 
 fn at(x: f64, y: f64) -> In<Map> {
@@ -56,7 +62,7 @@ fn on_whole_cells_the_spanning_tree_s_walk_visits_each_once_and_comes_back() {
 
 #[test]
 fn an_empty_room_is_swept_by_lanes_that_lie_a_swath_apart() {
-    let plan = room(6.0, 3.0);
+    let plan = room_of(0.05, 6.0, 3.0);
     let s = sweep(
         &plan,
         at(1.0, 1.0),

@@ -26,6 +26,8 @@ pub const MAX_CORNERS: usize = 128;
 const CELL_MIN_M: f64 = 0.05;
 /// Room between hull and seen obstacles below which a place is tight, and below which it is closed, m.
 const SEEN_TIGHT_M: f64 = 0.1;
+/// Room between hull and walls of the plan that a line drawn along them needs, m.
+const DRAWN_TIGHT_M: f64 = 0.05;
 /// What is seen may go on for this long unseen, m: a line is not drawn so near to it.
 const SEEN_WHOLE_M: f64 = 1.0;
 /// Cost per metre of a tight place: a gap that looks too narrow from afar is gone to and looked at, but only when the way
@@ -291,8 +293,11 @@ impl Router {
     fn straight(&mut self, from: In<Map>, to: In<Map>, obstacles: &[In<Map>]) -> Option<Path> {
         let is_close = |p: In<Map>| self.clearance_m(p).is_some_and(|d| d < self.reach_m);
         let (keep_m, keep_seen_m) = if is_close(from) || is_close(to) {
-            let needed_m = self.radius_m + SEEN_TIGHT_M - 0.5 * self.grid.cell_m;
-            (needed_m, needed_m)
+            let half_cell_m = 0.5 * self.grid.cell_m;
+            (
+                self.radius_m + DRAWN_TIGHT_M - half_cell_m,
+                self.radius_m + SEEN_TIGHT_M - half_cell_m,
+            )
         } else {
             (self.reach_m, self.reach_m + SEEN_WHOLE_M)
         };

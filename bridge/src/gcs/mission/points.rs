@@ -11,7 +11,7 @@
 use super::readers::Readers;
 use super::upload::{Step, Upload};
 use super::wire::{ack, ask_for};
-use super::{ACK_AGAIN, Farewell, Stored, document};
+use super::{ACK_AGAIN, Farewell, Stored, Walls, document};
 use crate::autopilot::door::Severity;
 use crate::gcs::fence::{self, FENCE_CIRCLES, FENCE_VERTICES};
 use crate::gcs::place::Place;
@@ -21,7 +21,6 @@ use mavlink_dialect::mission_item::{
     Frame, ItemFault, MissionItem, Point, mission_result, mission_type,
 };
 use mavlink_dialect::raw::{self, MavMessage as M};
-use planner::route::Router;
 use std::sync::Arc;
 use vehicle::{In, Timestamp};
 
@@ -39,7 +38,7 @@ const RALLY_POINT: u16 = 5100;
 /// What a list is checked against.
 pub(super) struct Survey<'a> {
     /// Walls; none leaves places unchecked.
-    pub(super) router: Option<&'a mut Router>,
+    pub(super) walls: Option<&'a mut Walls>,
     /// Home and the geo-anchor.
     pub(super) ctx: &'a Context<'a>,
 }
@@ -284,7 +283,8 @@ impl PointList {
         }
         if self.kind == mission_type::FENCE {
             fence::check_with_home(items, site.ctx)?;
-        } else if let Some(router) = &mut site.router {
+        } else if let Some(walls) = &mut site.walls {
+            let router = walls.router(&site.ctx.settings.planner);
             for (item, seq) in items.iter().zip(0..) {
                 let point = Point::from_wire(item.frame, item.x, item.y, item.z);
                 let place = Place::from_point(&point, site.ctx).unwrap_or_default();

@@ -44,9 +44,9 @@ struct Vehicle {
 }
 
 impl Vehicle {
-    fn new(router: Option<Router>) -> Self {
+    fn new(walls: Option<Walls>) -> Self {
         Self {
-            service: MissionService::new(router),
+            service: MissionService::new(walls),
             bench: Bench::default(),
             out: Outbox::default(),
             now: Timestamp::ZERO,
@@ -726,7 +726,7 @@ fn a_vehicle_that_does_not_answer_is_an_error_not_a_wait_for_ever() {
 }
 
 /// An empty room of 10 m by 10 m with a wall around it.
-fn room() -> Router {
+fn room() -> Walls {
     let is_edge = |i: usize| i == 0 || i == 99;
     let cell = |i: usize| {
         if is_edge(i % 100) || is_edge(i / 100) {
@@ -737,7 +737,7 @@ fn room() -> Router {
     };
     let plan =
         FloorPlan::from_cells(100, 0.1, [-5.0, -5.0], (0..10_000).map(cell).collect()).unwrap();
-    Router::new(Arc::new(plan), 0.25, &planner::PlannerParams::default())
+    Walls::new(Arc::new(plan), 0.25)
 }
 
 #[test]
