@@ -1,6 +1,6 @@
 //! Avoidance in the whole stack, judged by truth: rooms of which the floor plan tells only a part.
 //!
-//! A few seeds of each by default, twenty with `KESTREL_FULL=1`.
+//! A few seeds of each by default, twenty with `KESTREL_FULL=1`, one with `KESTREL_SEED=N`.
 
 #![allow(
     clippy::print_stdout,
@@ -24,6 +24,12 @@ const HALL: [f64; 2] = [10.0, 6.0];
 const START: [f64; 2] = [1.5, 3.0];
 
 fn seeds(few: u64) -> std::ops::RangeInclusive<u64> {
+    if let Some(seed) = std::env::var("KESTREL_SEED")
+        .ok()
+        .and_then(|s| s.parse().ok())
+    {
+        return seed..=seed;
+    }
     let full = std::env::var_os("KESTREL_FULL").is_some_and(|v| v == "1");
     1..=if full { 20 } else { few }
 }
@@ -201,36 +207,32 @@ fn out_of_a_dead_end_of_3_metres_that_the_plan_shows_open() {
     );
 }
 
-/// The same recess on no plan at all: most of what the rangers see there is not what localization knows.
-///
-/// NOT REACHED YET: it loses its place in there (40 of 40 flights). This guards what happens then: it touches nothing, says why,
-/// and comes down.
+/// The same recess on no plan at all: nothing of what the rangers see in there is what localization knows. What odometry carries on
+/// is believed meanwhile.
 #[test]
-fn a_dead_end_that_no_plan_shows_is_left_or_landed_in() {
+fn out_of_a_dead_end_of_3_metres_that_no_plan_shows() {
     let walls = [
         outline([3.0, 1.9], [6.1, 2.0]),
         outline([3.0, 4.0], [6.1, 4.1]),
         outline([6.0, 2.0], [6.1, 4.0]),
     ]
     .concat();
-    println!("FIGURES avoidance, dead end 3 m that no plan shows");
-    let mut bad = 0;
-    for ring in BOTH {
-        for seed in seeds(1) {
-            let room = hall(&[]).with_unmapped(&walls);
-            let scenario = Scenario::in_room(room).ring(ring).seed(seed);
-            let (f, has_arrived) = fly_to(scenario, [8.0, 3.0], 90.0);
-            let contacts = f.truth().contacts;
-            let is_told = f.station.heard().texts.join("").contains("not localized");
-            let is_down = f.truth().on_floor && !f.snapshot().is_armed;
-            println!(
-                " {ring:<7} seed {seed:2}: {contacts} contacts, there {has_arrived}, told {is_told}, down {is_down}"
-            );
-            bad += u32::from(contacts > 0 || !(has_arrived || is_told && is_down));
-        }
-    }
-    println!("END");
-    assert_eq!(bad, 0);
+    campaign(
+        "dead end 3 m that no plan shows",
+        &BOTH,
+        1,
+        90.0,
+        [8.0, 3.0],
+        |_| hall(&[]).with_unmapped(&walls),
+        |f| {
+            let off_m = f.rows.iter().map(|r| {
+                let (e, t) = (r.est_position, r.position);
+                (e[0] - t[0]).hypot(e[1] - t[1])
+            });
+            let worst_m = off_m.fold(0.0, f64::max);
+            (format!(", estimate at most {worst_m:.2} m off"), true)
+        },
+    );
 }
 
 /// Both as near, both as wide: it takes one and keeps to it. (On no plan: the course `two-gaps` of `eval avoid --compare`.)

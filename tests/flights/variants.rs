@@ -117,7 +117,8 @@ fn cascade_and_lqr_hover_for_a_minute_and_step_a_metre_without_overshoot() {
     let full = std::env::var_os("KESTREL_FULL").is_some_and(|v| v == "1");
     let seeds = if full { 8 } else { 2 };
     println!("FIGURES hover 60 s and 1 m step over the fake controller (office, tof32, flow)");
-    for variant in ["cascade", "lqr"] {
+    // The law that flies keeps the bar of 0.05 m; LQR, there to compare with, sways a little more (0.049 m of two seeds).
+    for (variant, bar) in [("cascade", 0.05), ("lqr", 0.055)] {
         let mut hovers = 0.0;
         for seed in 1..=seeds {
             let mut f = hovering(variant, seed, 1.0);
@@ -141,8 +142,7 @@ fn cascade_and_lqr_hover_for_a_minute_and_step_a_metre_without_overshoot() {
             f.assert(f.truth().contacts == 0, "touched something");
         }
         println!(" {variant}: hover {hovers:.3} m RMS, mean of {seeds} seeds");
-        // NOT REACHED YET: 0.05 m; localization wanders by as much. This guards against worse.
-        assert!(hovers <= 0.065, "{variant}: {hovers:.3}");
+        assert!(hovers <= bar, "{variant}: {hovers:.3}");
     }
     println!("END");
 }

@@ -7,7 +7,7 @@
 //! | --- | --- | --- |
 //! | Searching (known start) | Localized | mass and fit good for half a second |
 //! | Searching (unknown start) | Localized | two searches of different views agree with the particles, mass and fit good for a second |
-//! | Localized | Lost | fit or mass bad, or no ranges, for two seconds |
+//! | Localized | Lost | fit or mass bad, or no ranges, for two seconds; not while what the plan does not show hides its walls |
 //! | Lost | Localized | mass and fit good for a second and no search disagrees; elsewhere: as from an unknown start |
 
 mod asking;
@@ -58,6 +58,12 @@ const REASSURED_FIT: f64 = 0.97;
 /// Most mass that is published for a place that the ranges contradict, and for one that no search has judged yet.
 const DOUBTED_MASS: f64 = 0.5;
 const UNCONFIRMED_MASS: f64 = 0.75;
+/// The plan is hidden where more than this share of the returns come from open floor and less than the other contradict the place:
+/// unmapped things all around, which say nothing about it. What odometry carries on is believed as long as the particles have not
+/// spread farther than this, m: every way (or minute) without walls widens them.
+const HIDDEN_SHORT: f64 = 0.4;
+const HIDDEN_CONTRADICTING: f64 = 0.15;
+const HIDDEN_STD_M: f64 = 0.35;
 /// Bad for this long is lost, s.
 const LOST_S: f64 = 2.0;
 /// Time constant of the published fit, s.
@@ -124,6 +130,8 @@ pub struct Locator {
     asked: Option<(u32, Timestamp)>,
     next_id: u32,
     status: Localization,
+    /// Shares of the returns that fall short of the plan's walls at the held place, and that contradict it; smoothed as the fit is.
+    shares: [f64; 2],
     /// Weight share of the held cluster.
     mass: f64,
     covariance: [[f64; 3]; 3],
@@ -158,6 +166,7 @@ impl Locator {
             asked: None,
             next_id: 0,
             status: Localization::default(),
+            shares: [0.0; 2],
             mass: 0.0,
             covariance: [[0.0; 3]; 3],
             good_fit: params.good_fit,
@@ -197,6 +206,7 @@ impl Locator {
         self.disagrees = false;
         self.is_doubted = false;
         self.is_continuous = false;
+        self.shares = [0.0; 2];
         self.asked = None;
         let reset_counter = self.status.reset_counter;
         let state = if self.newest.is_some() {
@@ -326,9 +336,17 @@ impl Locator {
         self.status.pose = Some(cluster.pose.into());
         self.mass = cluster.mass;
         self.covariance = cluster.covariance;
-        if let Some(fit) = sensor::fit(self.filter.field(), &beams, &cluster.pose) {
-            let a = if is_jump { 1.0 } else { (dt / FIT_S).min(1.0) };
+        let agreement = sensor::agreement(self.filter.field(), &beams, &cluster.pose);
+        let a = if is_jump { 1.0 } else { (dt / FIT_S).min(1.0) };
+        if let Some(fit) = agreement.fit() {
             self.status.fit += a * (fit - self.status.fit);
+        }
+        for (held, share) in self
+            .shares
+            .iter_mut()
+            .zip(agreement.shares().iter().flatten())
+        {
+            *held += a * (share - *held);
         }
         self.is_continuous &= !is_jump;
         self.judge(at);
@@ -336,6 +354,7 @@ impl Locator {
         let is_confirmed = self.phase == Phase::Localized
             && !is_jump
             && self.bad_since.is_none()
+            && !self.is_hidden()
             && self.mass > GOOD_MASS;
         self.filter
             .learn(is_confirmed.then_some(&cluster), &odometry);
@@ -386,7 +405,7 @@ impl Locator {
         };
         self.rival = Some(rival);
         let field = self.filter.field();
-        let fit_of = |pose: &Planar| sensor::fit(field, beams, pose).unwrap_or(0.0);
+        let fit_of = |pose: &Planar| sensor::agreement(field, beams, pose).fit().unwrap_or(0.0);
         let has_lasted = at.seconds_since(rival.since) >= RIVAL_S && rival.updates >= 5;
         let is_better = heaviest.mass > 0.7 && fit_of(&heaviest.pose) > fit_of(&held) + 0.05;
         let is_reachable = heaviest.pose.distance(&held) <= RIVAL_REACH_M;
@@ -418,7 +437,9 @@ impl Locator {
         // A plan without open floor has no place to be at, however near its walls are.
         let has_place = self.filter.field().open_area_m2() > 0.0;
         let is_good = mass >= GOOD_MASS && fit >= self.good_fit && has_place;
-        let is_bad = mass < BAD_MASS || fit < self.bad_fit;
+        let is_unexplained =
+            fit < self.bad_fit && !(self.phase == Phase::Localized && self.is_hidden());
+        let is_bad = mass < BAD_MASS || is_unexplained;
         self.good_since = if is_good {
             Some(self.good_since.unwrap_or(at))
         } else {
@@ -475,6 +496,15 @@ impl Locator {
         }
     }
 
+    /// True while unmapped things hide the plan's walls, nothing contradicts the place, and odometry has not led far on its own.
+    fn is_hidden(&self) -> bool {
+        let [short, contradicting] = self.shares;
+        let [[xx, ..], [_, yy, _], _] = self.covariance;
+        short > HIDDEN_SHORT
+            && contradicting < HIDDEN_CONTRADICTING
+            && xx + yy < HIDDEN_STD_M * HIDDEN_STD_M
+    }
+
     /// What is published as mass. The particles' own share says how they agree with each other, which after a wrong start
     /// they do too: a place that nothing else confirms is claimed by less.
     fn claimed_mass(&self) -> f64 {
@@ -510,3 +540,6 @@ impl Locator {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -251,10 +251,37 @@ fn falls_short(field: &Field, axes: &Axes, beam: &LevelBeam) -> bool {
     })
 }
 
-/// Share of the returns that end within 0.15 m (cones 0.25 m) of a wall, seen from a pose: 0..=1; none without returns.
+/// What the returns of a scan say about a pose, by weight.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Agreement {
+    /// Returns that end within 0.15 m (cones 0.25 m) of a wall.
+    pub at_walls: f64,
+    /// Returns from open floor with nothing of the plan before them: something stands there that the plan does not show.
+    pub short: f64,
+    /// Returns that nothing can stand for: from behind a wall, or from no floor.
+    pub contradicting: f64,
+}
+
+impl Agreement {
+    /// Share of the returns that end at a wall: 0..=1; none without returns.
+    #[must_use]
+    pub fn fit(&self) -> Option<f64> {
+        let all = self.at_walls + SHORT_COUNTS * self.short + self.contradicting;
+        (all > 0.0).then(|| self.at_walls / all)
+    }
+
+    /// Shares of all returns that fall short, and that contradict: 0..=1; none without returns.
+    #[must_use]
+    pub fn shares(&self) -> Option<[f64; 2]> {
+        let all = self.at_walls + self.short + self.contradicting;
+        (all > 0.0).then(|| [self.short / all, self.contradicting / all])
+    }
+}
+
+/// Compares the returns with the plan as seen from a pose.
 #[must_use]
-pub fn fit(field: &Field, beams: &[LevelBeam], pose: &Planar) -> Option<f64> {
-    let (mut good, mut all) = (0.0, 0.0);
+pub fn agreement(field: &Field, beams: &[LevelBeam], pose: &Planar) -> Agreement {
+    let mut sums = Agreement::default();
     let axes = pose.axes();
     for beam in beams.iter().filter(|b| b.is_hit()) {
         let (limit, weight) = match beam.evidence {
@@ -272,17 +299,14 @@ pub fn fit(field: &Field, beams: &[LevelBeam], pose: &Planar) -> Option<f64> {
                 field.distance_m(x, y)
             })
             .fold(f64::INFINITY, f64::min);
-        if nearest < limit {
-            good += weight;
-            all += weight;
+        let sum = if nearest < limit {
+            &mut sums.at_walls
+        } else if falls_short(field, &axes, beam) {
+            &mut sums.short
         } else {
-            all += weight
-                * if falls_short(field, &axes, beam) {
-                    SHORT_COUNTS
-                } else {
-                    1.0
-                };
-        }
+            &mut sums.contradicting
+        };
+        *sum += weight;
     }
-    (all > 0.0).then(|| good / all)
+    sums
 }

@@ -18,17 +18,59 @@ const LEFT_ALONE_M: f64 = 0.03;
 const ECHO_AHEAD_M: f64 = 0.4;
 /// The nearest of many echoes is so much nearer than the wall, m.
 const ECHO_NOISE_M: f64 = 0.08;
+/// A vehicle brakes so much later than a velocity is asked of its loops, and of its tilt, s.
+const VELOCITY_LAG_S: f64 = 0.15;
+const TILT_LAG_S: f64 = 0.35;
+/// Between two sides the hull keeps at least this from each, m, where the way ahead is open for so far, m.
+const PASSAGE_SIDE_M: f64 = 0.1;
+const PASSAGE_AHEAD_M: f64 = 0.8;
+/// ... and the sides are seen so far ahead and behind, m.
+const PASSAGE_LONG_M: f64 = 0.6;
 /// What a tilt leads to is asked for this long ahead, s: about the answer of the vehicle; without a velocity longer.
 const TILT_AHEAD_S: f64 = 0.4;
 const TILT_BLIND_S: f64 = 1.0;
+
+/// How near manual flight may come to what.
+#[derive(Clone, Copy, Debug)]
+struct Distance {
+    /// Centre to obstacle, m.
+    stop_m: f64,
+    /// The same beside a passage that is flown through, and its direction (plan axes).
+    passage: Option<(f64, Vector2<f64>)>,
+    /// What is flown until braking begins (plan axes), m.
+    lead: Vector2<f64>,
+}
+
+impl Distance {
+    /// Free way in the direction of an obstacle before it is too near, m.
+    fn room_m(&self, offset: Vector2<f64>, distance_m: f64) -> f64 {
+        let stop_m = match self.passage {
+            Some((side_m, unit)) if offset.perp(&unit).abs() >= side_m - 0.02 => side_m,
+            _ => self.stop_m,
+        };
+        distance_m - stop_m - (self.lead.dot(&offset) / distance_m).max(0.0)
+    }
+}
 
 impl Navigator {
     /// The nearest allowed velocity: what leads into an obstacle faster than the vehicle could stop is taken away, what
     /// leads along it stays. Uses the plan's walls and everything seen; without a place on the plan the last returns, and for some
     /// seconds the walls around where it was.
     ///
-    /// The hull stops `VFH_MANUAL_STOP` away from obstacles. The vertical part passes unchanged.
+    /// The hull stops `VFH_MANUAL_STOP` away from obstacles; through a door or passage that leaves less it is led in the middle. The
+    /// vertical part passes unchanged.
     pub fn protect(&mut self, now: Timestamp, nav: &NavState, desired: In<Ned>) -> In<Ned> {
+        self.protect_late(now, nav, desired, VELOCITY_LAG_S)
+    }
+
+    /// [`Self::protect`] for a vehicle that answers so much later, s.
+    fn protect_late(
+        &mut self,
+        now: Timestamp,
+        nav: &NavState,
+        desired: In<Ned>,
+        late_s: f64,
+    ) -> In<Ned> {
         if !self.vfh.enabled || !desired.is_finite() {
             return if desired.is_finite() {
                 desired
@@ -44,20 +86,33 @@ impl Navigator {
         }
         let mut v = xy(self.anchor.vector_to_map(desired));
         v = self.not_faster_than_seen(now, v, desired);
+        let lead = if nav.health.velocity && nav.velocity.is_finite() {
+            xy(self.anchor.vector_to_map(nav.velocity)) * late_s
+        } else {
+            Vector2::zeros()
+        };
         let stop_m = self.radius_m + self.vfh.manual_stop_m;
+        let passage = if place_holds {
+            self.passage(v, stop_m)
+        } else {
+            None
+        };
+        let mut keep = Distance {
+            stop_m,
+            passage,
+            lead,
+        };
         if place_holds {
-            v = self.held_back_by_all(v, stop_m);
+            v = self.kept_off_all(v, &keep);
         }
         // What is seen now is told from the plan only while the place is known; a wall is where it echoes, not where the estimate
         // puts it.
-        let stop_m = if nav.health.position {
-            stop_m - ECHO_NOISE_M
-        } else {
-            stop_m
-        };
+        if nav.health.position {
+            keep.stop_m -= ECHO_NOISE_M;
+        }
         for _ in 0..ROUNDS {
             for r in self.recent.fresh(now) {
-                if nav.health.position && !self.recent.is_near_wall(r, stop_m + ECHO_AHEAD_M) {
+                if nav.health.position && !self.recent.is_near_wall(r, keep.stop_m + ECHO_AHEAD_M) {
                     continue;
                 }
                 let moved = nav.velocity * now.seconds_since(r.at).clamp(0.0, RECENT_S);
@@ -67,7 +122,7 @@ impl Navigator {
                     r.offset
                 };
                 let on_plan = xy(self.anchor.vector_to_map(offset));
-                v = self.held_back(v, on_plan, on_plan.norm(), stop_m);
+                v = self.held_back(v, on_plan, on_plan.norm(), &keep);
             }
         }
         self.world_vector(v).with_z(desired.z())
@@ -96,7 +151,8 @@ impl Navigator {
         let latency_s = reaction_s(self.vfh.latency_s, self.coverage.period_s());
         let watched_m = self.vfh.window_m - self.radius_m - self.vfh.manual_stop_m;
         let fastest = stopping_speed(self.vfh.brake_mps2, latency_s, watched_m);
-        let allowed = self.protect(now, nav, leads_to.limited_xy(fastest));
+        let asked_for = leads_to.limited_xy(fastest);
+        let allowed = self.protect_late(now, nav, asked_for, TILT_LAG_S);
         let braked = (allowed - velocity) * (1.0 / ahead_s);
         if (braked - asked).norm_xy() < 1e-6 {
             return asked;
@@ -105,12 +161,21 @@ impl Navigator {
     }
 
     /// What remains of a velocity (plan axes) when the centre shall stop `stop_m` before every obstacle.
-    pub(super) fn held_back_by_all(&self, mut v: Vector2<f64>, stop_m: f64) -> Vector2<f64> {
+    pub(super) fn held_back_by_all(&self, v: Vector2<f64>, stop_m: f64) -> Vector2<f64> {
+        let keep = Distance {
+            stop_m,
+            passage: None,
+            lead: Vector2::zeros(),
+        };
+        self.kept_off_all(v, &keep)
+    }
+
+    fn kept_off_all(&self, mut v: Vector2<f64>, keep: &Distance) -> Vector2<f64> {
         for _ in 0..ROUNDS {
             let before = v;
             for o in self.surroundings.points() {
                 if o.weight >= SURE_WEIGHT {
-                    v = self.held_back(v, o.offset, o.distance_m, stop_m);
+                    v = self.held_back(v, o.offset, o.distance_m, keep);
                 }
             }
             if (v - before).norm() < 1e-6 {
@@ -125,13 +190,13 @@ impl Navigator {
         v: Vector2<f64>,
         offset: Vector2<f64>,
         distance_m: f64,
-        stop_m: f64,
+        keep: &Distance,
     ) -> Vector2<f64> {
         if distance_m < 1e-6 {
             return Vector2::zeros();
         }
         let towards = offset / distance_m;
-        let room = distance_m - stop_m;
+        let room = keep.room_m(offset, distance_m);
         let allowed = if room >= 0.0 {
             stopping_speed(self.vfh.brake_mps2, self.vfh.latency_s, room).min(APPROACH_PER_S * room)
         } else {
@@ -143,6 +208,26 @@ impl Navigator {
         } else {
             v
         }
+    }
+
+    /// A passage that the pilot flies through, narrower than twice the distance kept otherwise: the distance from the centre to its
+    /// sides, m, and its direction. None without both sides, or where something stands in it.
+    fn passage(&self, v: Vector2<f64>, stop_m: f64) -> Option<(f64, Vector2<f64>)> {
+        let unit = v.try_normalize(1e-3)?;
+        let least_m = self.radius_m + PASSAGE_SIDE_M;
+        let mut sides_m = [f64::INFINITY; 2];
+        for o in self.surroundings.points() {
+            let aside = o.offset.perp(&unit);
+            let is_beside = o.offset.dot(&unit).abs() < PASSAGE_LONG_M && aside.abs() >= least_m;
+            if is_beside && o.weight >= SURE_WEIGHT {
+                let side = &mut sides_m[usize::from(aside > 0.0)];
+                *side = side.min(aside.abs());
+            }
+        }
+        let half_m = 0.5 * (sides_m[0] + sides_m[1]);
+        let is_open = half_m < stop_m
+            && self.surroundings.free_m(unit, least_m, SURE_WEIGHT) >= PASSAGE_AHEAD_M;
+        is_open.then_some((least_m, unit))
     }
 
     /// Into a gap of the ring only slowly.

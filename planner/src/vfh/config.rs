@@ -48,7 +48,7 @@ vehicle::params! {
         /// Largest speed into a direction that no ranger has looked into for a second.
         blind_mps: float "VFH_BLIND_SPD" = 0.35, "m/s", 0.05..=1.0;
         /// Distance between hull and obstacle at which manual flight is stopped.
-        manual_stop_m: float "VFH_MANUAL_STOP" = 0.3, "m", 0.05..=1.0;
+        manual_stop_m: float "VFH_MANUAL_STOP" = 0.35, "m", 0.05..=1.0;
         /// How a direction is chosen: `plus` flies; `thesis` (SNSI's histogram) and `potential` (its first planner) are there
         /// to compare with. These two forget nothing, plan nothing anew and run into what their papers say they run into.
         variant: choice<VfhVariant> "VFH_VARIANT" = VfhVariant::Plus;

@@ -16,6 +16,9 @@ const CLAIM_WEIGHT: f64 = 0.5;
 /// The published place is refuted if another is better by this much, and explains this much more of the returns.
 const REFUTED: f64 = 6.0;
 const REFUTED_FIT: f64 = 0.1;
+/// ... and nearly all of them where the plan is hidden (two walls of something unmapped look like a corner of the plan) or the place
+/// explains most of what is seen now (glass that the plan shows is looked through: from the other end of a hall it is not).
+const REFUTED_UNLESS_BAD_FIT: f64 = 0.9;
 /// Unanswered for this long, a search is asked again, s.
 const ANSWER_S: f64 = 10.0;
 
@@ -68,9 +71,16 @@ impl Locator {
             if is_same {
                 self.is_doubted = false;
             }
+            let is_held = self.phase == Phase::Localized
+                && (self.is_hidden() || self.status.fit >= self.bad_fit);
+            let least_fit = if is_held {
+                REFUTED_UNLESS_BAD_FIT
+            } else {
+                self.good_fit
+            };
             let is_refuted = !is_same
                 && advantage >= REFUTED
-                && best.fit >= self.good_fit
+                && best.fit >= least_fit
                 && best.fit >= held.fit + REFUTED_FIT;
             if self.phase == Phase::Localized {
                 if !is_refuted {
