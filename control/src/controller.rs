@@ -7,12 +7,13 @@ mod vertical;
 
 use crate::altitude::AltitudeLoop;
 use crate::heading::HeadingLoop;
+use crate::lateness::Lateness;
 use crate::outer_lqr::OuterLqr;
 use crate::params::ControlParams;
 use crate::position::PositionLoop;
 use crate::snsi::law::SnsiLaw;
 use crate::stick_curve::StickCurve;
-use crate::takeoff_land::{SpoolUp, Touchdown};
+use crate::takeoff_land::{Schedule, SpoolUp, Touchdown};
 use crate::thrust::HoverThrust;
 use serde::{Deserialize, Serialize};
 use trusted::{Trusted, finite_or_zero, floor_view};
@@ -83,7 +84,11 @@ pub struct ControlOutput {
 /// The outer loops of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Controller {
+    /// As they are set.
+    tuning: ControlParams,
+    /// As they are flown with: less gain in a loop that runs late.
     params: ControlParams,
+    lateness: Lateness,
     airframe: Airframe,
     curve: StickCurve,
     mass_kg: f64,
@@ -93,6 +98,7 @@ pub struct Controller {
     heading: HeadingLoop,
     spool_up: SpoolUp,
     touchdown: Touchdown,
+    schedule: Schedule,
     phase: Phase,
     /// Which loops ran last step: those that start now start from the present motion.
     horizontal_ran: bool,
@@ -120,13 +126,16 @@ impl Controller {
             curve: StickCurve::new(&params),
             hover: HoverThrust::new(&params, &airframe, mass_kg),
             mass_kg,
+            tuning: params.clone(),
             params,
+            lateness: Lateness::default(),
             airframe,
             position: PositionLoop::default(),
             altitude: AltitudeLoop::default(),
             heading: HeadingLoop::default(),
             spool_up: SpoolUp::default(),
             touchdown: Touchdown::default(),
+            schedule: Schedule::default(),
             phase: Phase::Idle,
             horizontal_ran: false,
             vertical_ran: false,
@@ -149,6 +158,7 @@ impl Controller {
             || changed(|p| p.motor_idle);
         let mass_changed =
             (mass_of(&params, &self.airframe) - mass_of(&self.params, &self.airframe)).abs() > 1e-9;
+        self.tuning = params.clone();
         self.params = params;
         self.curve = StickCurve::new(&self.params);
         if mass_changed {
@@ -159,10 +169,10 @@ impl Controller {
         }
     }
 
-    /// The tuning in use.
+    /// The tuning as it is set.
     #[must_use]
     pub const fn params(&self) -> &ControlParams {
-        &self.params
+        &self.tuning
     }
 
     /// Tells the thrust model another mass, kg (keys i, k and 0): the hover throttle changes at once in proportion.
@@ -198,7 +208,8 @@ impl Controller {
         }
     }
 
-    /// One step. `dt_s` is the time since the last one; 40 to 250 Hz.
+    /// One step. `dt_s` is the time since the last one; 40 to 250 Hz. In a loop that is late again and again the gains shrink
+    /// ([`crate::lateness`]).
     ///
     /// What the state has lost (see [`vehicle::NavHealth`]) is not flown on: without position the velocity is held,
     /// without velocity a level attitude, without height a slow descent. Whatever the inputs, the sticks are finite and in
@@ -211,6 +222,9 @@ impl Controller {
         setpoint: &Setpoint,
         phase: Phase,
     ) -> ControlOutput {
+        if dt_s.is_finite() && dt_s > 0.0 {
+            self.params = self.tuning.taken_back(self.lateness.step(dt_s));
+        }
         let dt_s = if dt_s.is_finite() {
             dt_s.clamp(DT_MIN_S, DT_MAX_S)
         } else {
@@ -290,6 +304,7 @@ impl Controller {
         let landing = matches!(setpoint, Setpoint::Land { .. });
         if !landing {
             self.touchdown = Touchdown::default();
+            self.schedule = Schedule::default();
         }
         let heading = match setpoint {
             Setpoint::Hover { heading, .. }

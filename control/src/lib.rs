@@ -11,6 +11,7 @@
 //! | [`position`] | position P, velocity PID, acceleration and jerk limits, tilt |
 //! | [`altitude`] | height P, climb PI |
 //! | [`thrust`] | thrust to throttle, with the hover command learnt in flight |
+//! | [`lateness`] | what is left of the gains when the loop runs late |
 //! | [`heading`] | yaw P with rate limit |
 //! | [`stick_curve`] | the inverse of the firmware's stick curves |
 //! | [`takeoff_land`] | spool-up until lift-off, descent, touch-down |
@@ -44,6 +45,7 @@ pub mod altitude;
 pub mod controller;
 pub mod heading;
 pub mod integral;
+pub mod lateness;
 pub mod lqr;
 pub mod outer_lqr;
 pub mod params;

@@ -25,6 +25,8 @@ const LANDED_S: f64 = 0.7;
 const LAST_BIT_M: f64 = 0.06;
 const LAST_BIT_S: f64 = 0.8;
 const LAST_BIT_MPS: f64 = 0.25;
+/// A height known worse than this is a barometer's: blown upon by the propellers it sinks below the floor and never stands still, m.
+const SURE_M: f64 = 0.08;
 /// Thrust is taken back this fast once on the floor, weights per second.
 const RELEASE_RATE: f64 = 1.2;
 /// The floor carries at least this share of the weight when contact is inferred from the accelerometer alone.
@@ -35,6 +37,8 @@ const CARRIED: f64 = 0.2;
 pub struct FloorView {
     /// Height above what is below and climb rate (m, m/s up), if known.
     pub height: Option<(f64, f64)>,
+    /// One standard deviation of the height, m.
+    pub height_std_m: f64,
     /// Climb integrated from the accelerometer and forgotten within seconds, m/s up: all there is without a height.
     pub climb_guess_mps: f64,
     /// Upward specific force, m/s2: what a level accelerometer feels.
@@ -88,6 +92,34 @@ impl SpoolUp {
     }
 }
 
+/// A descent may be this far behind the speed that was asked for, m: the start takes its time.
+const SLACK_M: f64 = 0.3;
+/// What it is behind is made up for from at most this far, m.
+const BEHIND_M: f64 = 0.5;
+/// A height that grows by more in a step is the floor beside a table, m.
+const EDGE_M: f64 = 0.05;
+
+/// Where a descent should be by now. A climb rate that is wrong (a leaning, pushed vehicle) holds it up; the height tells.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Schedule {
+    planned_m: Option<f64>,
+    height_m: f64,
+}
+
+impl Schedule {
+    /// How far the descent is behind beyond what is usual, m, 0..=0.5.
+    pub fn step(&mut self, dt_s: f64, descent_mps: f64, height_m: f64) -> f64 {
+        let mut planned_m = self.planned_m.unwrap_or(height_m) - descent_mps * dt_s;
+        let edge_m = height_m - self.height_m;
+        if self.planned_m.is_some() && edge_m > EDGE_M {
+            planned_m += edge_m;
+        }
+        planned_m = planned_m.clamp(height_m - SLACK_M - BEHIND_M, height_m);
+        (self.planned_m, self.height_m) = (Some(planned_m), height_m);
+        (height_m - planned_m - SLACK_M).max(0.0)
+    }
+}
+
 /// Touch-down: notices the floor, takes the thrust back, says when the motors may stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touchdown {
@@ -116,7 +148,13 @@ impl Touchdown {
         }
         let allowed = lift.min(self.cap);
         let carried = view.felt_mps2 / GRAVITY_MPS2 - allowed;
+        // Taking thrust back proves a suspicion: the floor carries the difference, while in the air the felt force goes down with it.
+        let proof = self.cap > 0.85 || carried > 0.5 * (1.0 - self.cap);
         let standing = match view.height {
+            Some((height_m, climb_mps)) if view.height_std_m > SURE_M => {
+                let near = height_m < landed_height_m + 2.0 * view.height_std_m;
+                (near || climb_mps.abs() < STILL_MPS && lift < 1.0) && proof
+            }
             Some((height_m, climb_mps)) => {
                 let low = height_m < landed_height_m + LAST_BIT_M && climb_mps.abs() < LAST_BIT_MPS;
                 self.low_s = if low { self.low_s + dt_s } else { 0.0 };
@@ -127,12 +165,8 @@ impl Touchdown {
                         && lift < 1.0
                         && (height_m < landed_height_m + NEAR_M || carried > CARRIED)
             }
-            // Blind: no longer sinking is a suspicion; taking thrust back proves it, because the floor then carries the
-            // difference, while in the air the felt force would go down with the thrust.
-            None => {
-                let suspected = view.climb_guess_mps > -STILL_MPS && lift < 1.0;
-                suspected && (self.cap > 0.85 || carried > 0.5 * (1.0 - self.cap))
-            }
+            // Blind: no longer sinking is a suspicion.
+            None => view.climb_guess_mps > -STILL_MPS && lift < 1.0 && proof,
         };
         if standing {
             self.standing_s += dt_s;
@@ -165,6 +199,7 @@ mod tests {
     fn view(height_m: f64, climb_mps: f64) -> FloorView {
         FloorView {
             height: Some((height_m, climb_mps)),
+            height_std_m: 0.02,
             climb_guess_mps: 0.0,
             felt_mps2: GRAVITY_MPS2,
         }
@@ -213,6 +248,46 @@ mod tests {
             t.step(DT, &view(0.07, climb_mps), 0.05, 1.1);
         }
         assert!(t.landed());
+    }
+
+    #[test]
+    fn a_guessed_height_below_the_floor_is_a_landing_once_the_floor_carries_and_none_in_the_air() {
+        // On the floor, by a barometer that reads 0.2 m too low and sinks on.
+        let guess = |felt_mps2: f64| FloorView {
+            height_std_m: 0.2,
+            felt_mps2,
+            ..view(-0.15, -0.2)
+        };
+        let mut t = Touchdown::default();
+        let mut steps = 0;
+        while !t.landed() {
+            t.step(DT, &guess(GRAVITY_MPS2), 0.05, 1.0);
+            steps += 1;
+            assert!(steps < 100);
+        }
+        // The same in the air: less thrust is less that is felt.
+        let mut t = Touchdown::default();
+        let mut lift = 1.0;
+        let mut least: f64 = 1.0;
+        for _ in 0..500 {
+            lift = t.step(DT, &guess(lift * GRAVITY_MPS2), 0.05, 1.0);
+            least = least.min(lift);
+        }
+        assert!(!t.landed() && least > 0.75, "{least}");
+    }
+
+    #[test]
+    fn a_descent_in_time_is_let_alone_and_one_that_hangs_is_behind() {
+        let mut s = Schedule::default();
+        for k in 0..200 {
+            // A tenth of a metre behind, as every start is; then a table's edge.
+            let floor_m = if k > 100 { 0.5 } else { 0.0 };
+            let height_m = 1.6 + floor_m - 0.4 * DT * f64::from(k);
+            assert!(s.step(DT, 0.4, height_m) == 0.0);
+        }
+        let mut s = Schedule::default();
+        let behind: Vec<f64> = (0..200).map(|_| s.step(DT, 0.25, 0.4)).collect();
+        assert!(behind[50] == 0.0 && (behind[199] - BEHIND_M).abs() < 1e-9);
     }
 
     #[test]

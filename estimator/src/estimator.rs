@@ -260,6 +260,9 @@ impl Estimator {
             return;
         }
         self.fresh.baro = Some(baro.at);
+        if self.navigation.is_in_gap(baro.at) {
+            return;
+        }
         let has_better = self.fresh.has_range(baro.at) || self.is_landed;
         for (filter, offset) in [&mut self.navigation, &mut self.odometry]
             .into_iter()
@@ -297,6 +300,10 @@ impl Estimator {
         };
         if !(d.is_finite() && d > 0.0 && self.navigation.is_running()) {
             self.diagnostics.refused_samples += 1;
+            return;
+        }
+        if self.navigation.is_in_gap(range.at) {
+            self.fresh.down_range = Some(range.at);
             return;
         }
         let std = libm::hypot(self.params.range_std_m, self.params.range_std_per_m * d);

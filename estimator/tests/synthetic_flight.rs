@@ -200,6 +200,41 @@ fn a_second_without_any_input_is_survived() {
     assert!(Errors::rms(e.position, e.n) < 0.15);
 }
 
+/// Hovers 1 m high and sinks from 15 s on at 0.5 m/s2.
+fn sinks(t: f64) -> (Vector3<f64>, f64) {
+    let u = (t - 15.0).max(0.0);
+    (Vector3::new(0.0, 0.0, -1.5 + 0.25 * u * u), 0.0)
+}
+
+#[test]
+fn a_vehicle_that_sank_in_a_gap_is_known_again_within_half_a_second() {
+    let senses = Senses {
+        gap_s: Some((15.0, 15.95)),
+        ..Senses::good("tof32")
+    };
+    for seed in 1..=20 {
+        let world = World::room();
+        let mut e = new_estimator(&world, seed);
+        let mut sim = Simulation::new(&world, &sinks, senses.clone(), seed);
+        let start = sim.truth().map_pose(&world.anchor);
+        e.start_at(Timestamp::ZERO, start, 0.1, 0.1);
+        sim.fly(&mut e, 16.45, |_, _| {});
+        let (truth, s) = (sim.truth(), e.state());
+        let off = (
+            s.position.z() - truth.position.z,
+            s.velocity.z() - truth.velocity.z,
+        );
+        println!(
+            "seed {seed}: height off by {:.3} m, climb by {:.3} m/s",
+            off.0, off.1
+        );
+        assert!(
+            off.0.abs() < 0.1 && off.1.abs() < 0.3,
+            "seed {seed}: {off:?}"
+        );
+    }
+}
+
 #[test]
 fn the_same_seed_and_inputs_give_the_same_bits() {
     let state = |seed| *fly_circle(Senses::good("tof32"), seed, "same").1.state();

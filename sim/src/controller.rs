@@ -104,6 +104,20 @@ impl Controller {
         }
     }
 
+    /// Too busy for its serial line, or no longer; one that is outside is what it is.
+    pub(crate) fn be_busy(&mut self, is_busy: bool) {
+        if let Self::Fake(fc) = self {
+            fc.be_busy(is_busy);
+        }
+    }
+
+    /// Tells a wrong roll from now on, or the true one again.
+    pub(crate) const fn tell_askew(&mut self, is_askew: bool) {
+        if let Self::Fake(fc) = self {
+            fc.tell_askew(is_askew);
+        }
+    }
+
     /// The companion computer writes to the UART; one that is outside has its own line.
     pub(crate) fn write(&mut self, now: Timestamp, bytes: &[u8]) {
         if let Self::Fake(fc) = self {

@@ -251,6 +251,11 @@ impl Craft {
         if active {
             self.faults.push(fault);
         }
+        match fault {
+            Fault::FcBusy => self.fc.be_busy(active),
+            Fault::AttitudeAskew => self.fc.tell_askew(active),
+            _ => {}
+        }
     }
 
     /// Carries it elsewhere at the same height, at rest.

@@ -66,6 +66,10 @@ pub enum Fault {
     FcNoisy,
     /// A worn connector: of each 40 ms of the flight controller's bytes 20 ms arrive.
     FcLossy,
+    /// The flight controller is busy with something else: it carries out 40 messages a second.
+    FcBusy,
+    /// The flight controller tells a roll that is 15 degrees off (it flies by the true one).
+    AttitudeAskew,
     /// The line of a lidar of its own is silent.
     LaserSilent(u8),
 }

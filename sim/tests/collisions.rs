@@ -182,6 +182,34 @@ fn faults_silence_what_they_name_and_can_be_mended() {
 }
 
 #[test]
+fn a_busy_controller_carries_out_forty_a_second_and_an_askew_one_tells_another_roll() {
+    let mut p = Pilot::new(office("tof32", 4));
+    p.fly(1000, |_| {});
+    p.sends_rc = false;
+    let answered = |p: &mut Pilot| {
+        for _ in 0..120 {
+            p.send(msp::command::ATTITUDE, &[]);
+        }
+        p.replies.clear();
+        p.fly(1000, |_| {});
+        let answered = p.replies.len();
+        p.fly(3000, |_| {});
+        answered
+    };
+    assert!((98..=102).contains(&answered(&mut p)));
+    p.sim.set_fault(0, Fault::FcBusy, true);
+    assert!((38..=42).contains(&answered(&mut p)));
+    p.sim.set_fault(0, Fault::FcBusy, false);
+    assert!((98..=102).contains(&answered(&mut p)));
+    let roll_ddeg = |p: &mut Pilot| p.ask::<msp::message::Attitude>().roll_ddeg;
+    let level = roll_ddeg(&mut p);
+    p.sim.set_fault(0, Fault::AttitudeAskew, true);
+    assert!((roll_ddeg(&mut p) - level - 150).abs() <= 5);
+    p.sim.set_fault(0, Fault::AttitudeAskew, false);
+    assert!((roll_ddeg(&mut p) - level).abs() <= 5);
+}
+
+#[test]
 fn a_start_inside_a_wall_is_refused_with_figures() {
     let mut config = office("tof32", 4);
     config.vehicles[0].start = MapPose::new(5.35, 2.0, 0.0);

@@ -277,6 +277,16 @@ fn a_flight_loop_that_is_too_slow_lands() {
 
 #[test]
 fn a_controller_that_answers_too_seldom_is_not_flown_on() {
+    let mut f = Scenario::office().param("KST_FC_MIN_HZ", "60").start();
+    f.take_off(1.0);
+    f.world.simulator.set_fault(0, Fault::FcBusy, true);
+    until_row(&mut f, Because::FcSlow, Mode::Land, 3.0);
+    f.until_down(20.0);
+    f.assert(f.truth().contacts == 0, "touched something");
+}
+
+#[test]
+fn a_noisy_line_is_not_flown_on() {
     let mut f = Scenario::office().start();
     f.take_off(1.0);
     f.world.simulator.set_fault(0, Fault::FcNoisy, true);
@@ -289,6 +299,14 @@ fn a_controller_that_answers_too_seldom_is_not_flown_on() {
     println!("noisy line: {because:?} at {:.1} s", f.now().s());
     f.world.simulator.set_fault(0, Fault::FcNoisy, false);
     f.until_down(20.0);
+}
+
+#[test]
+fn an_attitude_that_does_not_fit_the_motion_lands() {
+    let mut f = Scenario::office().start();
+    f.take_off(1.0);
+    f.world.simulator.set_fault(0, Fault::AttitudeAskew, true);
+    until_row(&mut f, Because::Inconsistent, Mode::Land, 1.5);
 }
 
 #[test]

@@ -257,8 +257,9 @@ pub const TABLE: [Row; 26] = [
         because: Because::Inconsistent,
         when: |f| f.inconsistent_s > f.params.inconsistent_s,
         doc: "the estimate is no number, faster than 6 m/s, or refuses the controller's attitude, for KST_EST_T",
+        does: "Land, level: by the height alone, without steering by what may be wrong",
         params: &["KST_EST_T"],
-        test: "each_row_acts",
+        test: "an_attitude_that_does_not_fit_the_motion_lands",
         ..ROW
     },
     Row {
@@ -439,7 +440,7 @@ pub const TABLE: [Row; 26] = [
             _ => Answer::Mode(Mode::Hold),
         },
         tells_end: false,
-        doc: "on the way and within half a metre for KST_PROGRESS_T, in Mission, Return or Offboard",
+        doc: "on the way and within a metre for KST_PROGRESS_T, in Mission, Return or Offboard",
         does: "Hold; Return lands",
         params: &["KST_PROGRESS_T"],
         test: "a_way_that_stays_blocked_ends_in_hold",

@@ -370,7 +370,12 @@ impl Flight {
         };
         self.controller
             .set_mass(self.arbiter.key_mass_kg().unwrap_or(self.airframe.mass_kg));
-        self.control = self.controller.step(now, dt_s, &nav, &setpoint, phase);
+        // An estimate that contradicts itself is not steered by: the controller keeps level by its own attitude, the height brings down.
+        let mut flown = nav;
+        if self.arbiter.mode().because == Because::Inconsistent {
+            (flown.health.velocity, flown.health.position) = (false, false);
+        }
+        self.control = self.controller.step(now, dt_s, &flown, &setpoint, phase);
         if self.air == Air::SpoolUp && self.control.lifted_off {
             self.air = Air::Flying;
             self.emit(Output::Event(Event::Landed(
@@ -515,13 +520,13 @@ impl Flight {
     fn keep_watch(&mut self, now: Timestamp, dt_s: f64, nav: &NavState) {
         let filter = self.estimator.navigation();
         let refused_s = [Aid::Roll, Aid::Pitch]
-            .map(|aid| {
-                let used = filter.status(aid).accepted_at;
-                used.map_or(0.0, |at| now.since(at).as_secs_f64())
-            })
+            .map(|aid| filter.refused_s(aid))
             .into_iter()
             .fold(0.0, f64::max);
         let is_online = self.fc.is_connected && self.client.is_online();
+        // What it manages while it is kept busy, and what arrives of it.
+        let line = self.client.statistics();
+        let answers_hz = line.service_rate_hz.min(line.reply_rate_hz);
         self.watch.look(&Look {
             now,
             dt_s,
@@ -529,8 +534,9 @@ impl Flight {
             is_flying: self.air == Air::Flying,
             tilt_refused_s: refused_s,
             setpoint: self.snapshot.setpoint,
+            goal: self.navigator.goal().map(|goal| goal.position),
             battery: self.snapshot.battery,
-            fc_rate_hz: is_online.then_some(self.fc.service_rate_hz),
+            fc_rate_hz: is_online.then_some(answers_hz),
             beats: (
                 self.snapshot.flight_loop.ticks,
                 self.snapshot.flight_loop.missed,

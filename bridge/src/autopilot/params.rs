@@ -61,13 +61,13 @@ vehicle::params! {
         tilt_max_deg: float "KST_TILT_MAX" = 45.0, "deg", 25.0..=90.0;
         /// Tilt for 0.3 s at which the motors stop: it has toppled over (PX4: FD_FAIL_R).
         crash_tilt_deg: float "KST_CRASH_TILT" = 70.0, "deg", 45.0..=180.0;
-        /// Time that the estimate may contradict itself before landing.
-        inconsistent_s: float "KST_EST_T" = 1.0, "s", 0.2..=30.0;
+        /// Time that the estimate may contradict itself before landing (the filter gives in to a refused attitude after 1 s).
+        inconsistent_s: float "KST_EST_T" = 0.8, "s", 0.2..=30.0;
         /// Jumps of the place within 10 s before landing (a corridor with two like ends makes one).
         jumps_max: int "KST_JUMPS_MAX" = 3, "1", 1..=8;
         /// Time that a range finder may say the same while the vehicle moves before landing.
         stuck_s: float "KST_STUCK_T" = 3.0, "s", 1.0..=60.0;
-        /// Time on the way within half a metre before a mission holds and a return lands; 0 never.
+        /// Time on the way within a metre before a mission holds and a return lands; 0 never.
         no_progress_s: float "KST_PROGRESS_T" = 30.0, "s", 0.0..=600.0;
         /// Share of beats missed within 2 s before landing, percent.
         missed_max_percent: float "KST_MISS_MAX" = 40.0, "%", 5.0..=100.0;

@@ -1,7 +1,8 @@
 //! The last word before an RC frame, and the failsafes of the [`table`](super::failsafes).
 //!
 //! A row fires when its condition holds; it asks the arbiter for a mode, stops the motors, or only tells. Rows are
-//! in order of importance: the first that fires and acts decides. When its condition ends, the pilot is told; the mode stays.
+//! in order of importance: the first that fires and acts decides; if what it wants is being done already, it tells. When its condition
+//! ends, the pilot who was told is told that too; the mode stays.
 
 use super::failsafes::{Answer, Facts, TABLE};
 use super::mode::{Because, Mode};
@@ -30,16 +31,16 @@ pub enum Verdict {
     Act(Because, Mode),
     /// A row fires: stop the motors and say why.
     Stop(Because),
-    /// A row that only tells began to fire.
+    /// A row that only tells began to fire, or one whose answer is being flown already.
     Tell(Because),
-    /// A row stopped firing.
+    /// A row that was told stopped firing.
     Clear(Because),
 }
 
-/// Remembers which rows fire.
+/// Remembers which rows fire, as far as they were told.
 #[derive(Clone, Debug, Default)]
 pub struct Supervisor {
-    firing: [bool; TABLE.len()],
+    told: [bool; TABLE.len()],
     /// How long we have flown without attitude, s.
     blind_s: f64,
 }
@@ -48,27 +49,39 @@ impl Supervisor {
     /// Looks at the facts; calls `verdict` for every change and for the mode to be in.
     pub fn watch(&mut self, facts: &Facts<'_>, mut verdict: impl FnMut(Verdict)) {
         let mut decided = false;
-        for (row, firing) in TABLE.iter().zip(&mut self.firing) {
+        for (row, told) in TABLE.iter().zip(&mut self.told) {
             let fires = row.counts.in_state(facts) && (row.when)(facts);
-            match (row.answer)(facts) {
-                Answer::Tell if fires && !*firing => verdict(Verdict::Tell(row.because)),
-                Answer::Mode(mode) if fires && !decided => {
+            if !fires {
+                if *told && facts.is_flying && row.tells_end {
+                    verdict(Verdict::Clear(row.because));
+                }
+                *told = false;
+                continue;
+            }
+            let says = match (row.answer)(facts) {
+                Answer::Tell => Some(Verdict::Tell(row.because)).filter(|_| !*told),
+                _ if decided => None,
+                Answer::Mode(mode) => {
                     decided = true;
                     if mode != facts.mode && !is_safer(facts.mode, mode) {
-                        verdict(Verdict::Act(row.because, mode));
+                        Some(Verdict::Act(row.because, mode))
+                    } else {
+                        Some(Verdict::Tell(row.because)).filter(|_| !*told)
                     }
                 }
-                Answer::Stop if fires && !decided => {
+                Answer::Stop => {
                     decided = true;
-                    verdict(Verdict::Stop(row.because));
+                    Some(Verdict::Stop(row.because))
                 }
-                Answer::Nothing if fires => decided = true,
-                _ => {}
+                Answer::Nothing => {
+                    decided = true;
+                    None
+                }
+            };
+            if let Some(says) = says {
+                *told = true;
+                verdict(says);
             }
-            if *firing && !fires && facts.is_flying && row.tells_end {
-                verdict(Verdict::Clear(row.because));
-            }
-            *firing = fires;
         }
     }
 
@@ -334,6 +347,28 @@ mod tests {
                 Verdict::Clear(Because::GroundLost)
             ]
         );
+    }
+
+    #[test]
+    fn a_second_cause_of_the_same_answer_is_told_and_what_was_never_told_is_not_cleared() {
+        let p = AutopilotParams::default();
+        let mut s = Supervisor::default();
+        let mut watch = |change: &dyn Fn(&mut Facts<'_>)| {
+            let mut facts = well(&p);
+            facts.mode = Mode::Land;
+            change(&mut facts);
+            let mut out = Vec::new();
+            s.watch(&facts, |v| out.push(v));
+            out
+        };
+        // Landing for another reason: the slow loop is news once, what it hides is none.
+        let slow = |f: &mut Facts<'_>| {
+            f.missed_share = 0.6;
+            f.has_attitude_and_height = false;
+        };
+        assert_eq!(watch(&slow), [Verdict::Tell(Because::LoopOverrun)]);
+        assert_eq!(watch(&slow), []);
+        assert_eq!(watch(&|_| ()), [Verdict::Clear(Because::LoopOverrun)]);
     }
 
     #[test]

@@ -20,8 +20,10 @@ const SAME_READINGS: u32 = 15;
 const JUMP_WINDOW: Duration = Duration::from_secs(10);
 /// Missed beats are counted over this time, s.
 const MISS_WINDOW_S: f64 = 2.0;
-/// A vehicle on its way that stays within this circle makes no progress, m.
-const PROGRESS_M: f64 = 0.5;
+/// A vehicle on its way that stays within this circle makes no progress, m: one that is walled in may wander that far.
+const PROGRESS_M: f64 = 1.0;
+/// Who hovers this near to where it shall is there, m.
+const THERE_M: f64 = 0.2;
 /// Faster than anything indoors, m/s: an estimate that says so is none.
 const ABSURD_MPS: f64 = 6.0;
 
@@ -36,10 +38,12 @@ pub struct Look<'a> {
     pub nav: &'a NavState,
     /// Off the ground.
     pub is_flying: bool,
-    /// Time since the filter last could use roll and pitch, s.
+    /// Time that the filter has refused roll or pitch, s.
     pub tilt_refused_s: f64,
     /// The set point being followed.
     pub setpoint: Option<Setpoint>,
+    /// The place that is flown to.
+    pub goal: Option<In<Ned>>,
     /// Battery.
     pub battery: Option<BatterySample>,
     /// Replies a second of a controller that answers.
@@ -59,6 +63,8 @@ pub struct Watch {
     pub tilted_s: f64,
     /// The estimate is no number, absurd, or refuses the controller's attitude, s.
     pub inconsistent_s: f64,
+    /// The estimate is no number or absurd, s.
+    absurd_s: f64,
     /// Cells below BAT_V_SAG, s.
     pub sag_s: f64,
     /// Replies below KST_FC_MIN_HZ, s.
@@ -72,6 +78,7 @@ pub struct Watch {
     jumps: ArrayVec<Timestamp, 8>,
     resets: u8,
     circle: Option<In<Ned>>,
+    goal: Option<In<Ned>>,
     window: (f64, u64, u64),
     rangers: [Same; RANGERS],
 }
@@ -101,9 +108,10 @@ impl Watch {
         self.tilted_s = while_so(self.tilted_s, tilt_rad > p.tilt_max_deg.to_radians());
         let is_absurd = !nav.position.is_finite()
             || !nav.velocity.is_finite()
-            || nav.velocity.norm() > ABSURD_MPS
-            || (nav.health.attitude && l.tilt_refused_s > 0.5);
-        self.inconsistent_s = while_so(self.inconsistent_s, l.is_flying && is_absurd);
+            || nav.velocity.norm() > ABSURD_MPS;
+        self.absurd_s = while_so(self.absurd_s, l.is_flying && is_absurd);
+        let refused_s = if l.is_flying { l.tilt_refused_s } else { 0.0 };
+        self.inconsistent_s = self.absurd_s.max(refused_s);
         let sags = l.battery.is_some_and(|b| {
             b.cells > 0 && b.voltage_v > 1.0 && b.voltage_v / f64::from(b.cells) < p.battery_sag_v
         });
@@ -157,12 +165,20 @@ impl Watch {
     }
 
     fn follow_way(&mut self, l: &Look<'_>) {
-        let is_on_its_way = l.is_flying && matches!(l.setpoint, Some(Setpoint::Velocity { .. }));
         let here = l.nav.position;
+        // The last piece to a place is hovered to: what stands in front of it keeps the vehicle as well.
+        let is_under_way = match l.setpoint {
+            Some(Setpoint::Velocity { .. }) => true,
+            Some(Setpoint::Hover { position, .. }) => (position - here).norm_xy() > THERE_M,
+            _ => false,
+        };
+        let is_on_its_way = l.is_flying && is_under_way;
         let is_inside = self
             .circle
             .is_some_and(|c| (here - c).norm_xy() < PROGRESS_M);
-        if is_on_its_way && is_inside {
+        // Another place to go to is progress.
+        let is_same = core::mem::replace(&mut self.goal, l.goal) == l.goal;
+        if is_on_its_way && is_inside && is_same {
             self.no_progress_s += l.dt_s;
         } else {
             self.circle = is_on_its_way.then_some(here);
@@ -231,6 +247,7 @@ mod tests {
             is_flying: true,
             tilt_refused_s: 0.0,
             setpoint: None,
+            goal: None,
             battery: None,
             fc_rate_hz: Some(60.0),
             beats: (ms / 25, 0),
@@ -303,6 +320,55 @@ mod tests {
         assert!((w.no_progress_s - 10.0).abs() < 0.05, "{}", w.no_progress_s);
         w.look(&look(10_025, &nav, &params));
         assert!(w.no_progress_s == 0.0);
+    }
+
+    #[test]
+    fn a_hover_away_from_its_place_is_no_progress_and_one_at_it_is_none_needed() {
+        let params = AutopilotParams::default();
+        let nav = NavState::default();
+        let stood_s = |off_m: f64| {
+            let hover = Setpoint::Hover {
+                position: In::new(0.0, off_m, 0.0),
+                heading: vehicle::Heading::Rate(0.0),
+            };
+            let mut w = Watch::default();
+            for i in 0..=400 {
+                w.look(&Look {
+                    setpoint: Some(hover),
+                    ..look(25 * i, &nav, &params)
+                });
+            }
+            w.no_progress_s
+        };
+        assert!(stood_s(0.35) > 9.9 && stood_s(0.1) == 0.0);
+        // From place to place on one spot: each is a step of the plan done.
+        let mut w = Watch::default();
+        for i in 0..=400u64 {
+            let place = In::new(0.0, 0.4, -0.01 * (i / 80) as f64);
+            w.look(&Look {
+                setpoint: Some(Setpoint::Hover {
+                    position: place,
+                    heading: vehicle::Heading::Rate(0.0),
+                }),
+                goal: Some(place),
+                ..look(25 * i, &nav, &params)
+            });
+            assert!(w.no_progress_s < 2.1);
+        }
+    }
+
+    #[test]
+    fn an_attitude_that_is_refused_is_an_inconsistent_estimate_before_the_filter_gives_in() {
+        let params = AutopilotParams::default();
+        let nav = NavState::default();
+        let mut w = Watch::default();
+        w.look(&Look {
+            tilt_refused_s: 0.95,
+            ..look(0, &nav, &params)
+        });
+        assert!(w.inconsistent_s > params.inconsistent_s);
+        w.look(&look(25, &nav, &params));
+        assert!(w.inconsistent_s == 0.0);
     }
 
     #[test]

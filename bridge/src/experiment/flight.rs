@@ -22,10 +22,14 @@ const SLICE: Duration = Duration::from_millis(5);
 const STREAM: f64 = 0.1;
 /// Time after the fault that a vehicle has before it is asked to land.
 const LEFT_ALONE_S: f64 = 12.0;
+/// The same for one whose row takes its time.
+const LEFT_LONG_S: f64 = 20.0;
 /// Time it then has to be down.
 const LANDING_S: f64 = 35.0;
 /// Flying height, m.
 const HEIGHT_M: f64 = 1.0;
+/// Higher than it stands, m.
+const LEFT_FLOOR_M: f64 = 0.2;
 
 const LAND: Px4Mode = Px4Mode { main: 4, sub: 6 };
 
@@ -59,19 +63,28 @@ pub fn watch(
 ) -> Result<Outcome, FlyError> {
     let mut script = Script::new(campaign, case, seen)?;
     let mut dice = Dice(case.seed ^ 0x00FA_0175);
-    if !script.take_off() {
-        return Ok(script.judge.never_flew());
+    if case.fault == Fault::SearchFails {
+        // This one is there before the take-off.
+        script.fault_comes(case.fault, &mut dice);
+        script.climb();
+    } else {
+        if !script.take_off() {
+            return Ok(script.judge.never_flew());
+        }
+        script.enter(case.mode);
+        script.fly(dice.between(1.0, 7.0), |_| false);
+        script.fault_comes(case.fault, &mut dice);
     }
-    script.enter(case.mode);
-    script.fly(dice.between(1.0, 7.0), |_| false);
-    let told = script.station.heard().texts.len();
-    script.judge.fault_comes(told);
-    script.inject(case.fault, &mut dice);
     if let Some(second) = case.second {
         script.fly(dice.between(0.5, 4.0), |_| false);
         script.inject(second, &mut dice);
     }
-    script.fly(LEFT_ALONE_S, Script::is_down);
+    let left_s = if case.fault.facts().is_alone {
+        LEFT_LONG_S
+    } else {
+        LEFT_ALONE_S
+    };
+    script.fly(left_s, Script::is_down);
     if !script.is_down() {
         script.ends_stream = true;
         script.station.be_silent(false);
@@ -128,7 +141,10 @@ impl<'a> Script<'a> {
                 vehicles: vec![VehicleConfig::new(pose, ring.clone())],
                 ..SimConfig::new(room, ring, case.seed)
             },
-            start: Start::Known(pose),
+            start: match case.fault {
+                Fault::SearchFails => Start::Unknown,
+                _ => Start::Known(pose),
+            },
             settings,
             documents: Vec::new(),
         })
@@ -186,7 +202,8 @@ impl<'a> Script<'a> {
         !self.world.snapshot().is_armed && self.judge.is_on_floor()
     }
 
-    fn take_off(&mut self) -> bool {
+    /// Arms and asks to take off.
+    fn climb(&mut self) {
         self.fly(20.0, |s| s.station.heard().is_armable);
         let now = self.world.now();
         self.station.arm(now, true);
@@ -195,6 +212,11 @@ impl<'a> Script<'a> {
         let params = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, HEIGHT_M as f32];
         self.station
             .command(now, mavlink_dialect::command::cmd::NAV_TAKEOFF, params);
+        self.fly(2.0, |s| s.judge.height_m() > LEFT_FLOOR_M);
+    }
+
+    fn take_off(&mut self) -> bool {
+        self.climb();
         self.fly(12.0, |s| {
             s.judge.height_m() > HEIGHT_M - 0.15
                 && s.world.snapshot().mode.mode == crate::autopilot::mode::Mode::Hold
@@ -265,6 +287,13 @@ impl<'a> Script<'a> {
         }
     }
 
+    /// The first fault: from now on somebody must be told.
+    fn fault_comes(&mut self, fault: Fault, dice: &mut Dice) {
+        let told = self.station.heard().texts.len();
+        self.judge.fault_comes(told);
+        self.inject(fault, dice);
+    }
+
     fn inject(&mut self, fault: Fault, dice: &mut Dice) {
         use sim::Fault as Broken;
         let now = self.world.now();
@@ -277,9 +306,11 @@ impl<'a> Script<'a> {
             Fault::FcSilent => sim.set_fault(0, Broken::FcSilent, true),
             Fault::FcNoisy => sim.set_fault(0, Broken::FcNoisy, true),
             Fault::FcSlow => {
-                sim.set_fault(0, Broken::FcLossy, true);
+                sim.set_fault(0, Broken::FcBusy, true);
                 self.set("KST_FC_MIN_HZ", ParamValue::Float(60.0));
             }
+            Fault::FcLossy => sim.set_fault(0, Broken::FcLossy, true),
+            Fault::AttitudeAskew => sim.set_fault(0, Broken::AttitudeAskew, true),
             Fault::LoopHeld => {
                 let ms = 350 + dice.roll(700);
                 self.world.hold_flight(Duration::from_millis(ms));
@@ -299,6 +330,12 @@ impl<'a> Script<'a> {
             Fault::MotorDead => sim.set_fault(0, Broken::MotorDead(dice.roll(4) as u8), true),
             Fault::BatteryLow => sim.set_charge(0, 0.12),
             Fault::BatteryCritical => sim.set_charge(0, 0.04),
+            Fault::BatterySags => {
+                sim.set_charge(0, 0.02);
+                self.set("BAT_LOW_THR", ParamValue::Float(0.0));
+                self.set("BAT_CRIT_THR", ParamValue::Float(0.0));
+                self.set("BAT_V_SAG", ParamValue::Float(3.5));
+            }
             Fault::BatteryReserve => {
                 self.set("BAT1_CAPACITY", ParamValue::Float(400.0));
                 self.set("KST_BAT_RESERVE", ParamValue::Float(600.0));
@@ -307,8 +344,14 @@ impl<'a> Script<'a> {
                 self.set("KST_PROGRESS_T", ParamValue::Float(6.0));
                 self.wall_in();
             }
+            Fault::SearchFails => {
+                self.set("LOC_SEARCH_T", ParamValue::Float(6.0));
+                self.wall_in();
+            }
             Fault::PlaceJumps => {
                 self.set("KST_JUMPS_MAX", ParamValue::Int(1));
+                // It shall come to the jump: until then it may be lost.
+                self.set("LOC_LOST_T", ParamValue::Float(8.0));
                 self.carry_away(dice);
             }
             Fault::Kidnapped => self.carry_away(dice),
@@ -352,6 +395,9 @@ impl<'a> Script<'a> {
     fn carry_away(&mut self, dice: &mut Dice) {
         let [north, east] = self.place;
         let there = In::new(north, east, 0.0);
+        // Where it is already would be no other place.
+        let is_there = (self.judge.place() - there).norm_xy() < 1.0;
+        let there = if is_there { In::zero() } else { there };
         let at = self.world.simulator.anchor().to_map(there);
         let pose = MapPose::new(at.x(), at.y(), dice.between(-3.1, 3.1));
         self.world.simulator.carry_to(0, pose);

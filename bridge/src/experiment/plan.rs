@@ -84,6 +84,8 @@ pub enum Fault {
     FcSilent,
     FcNoisy,
     FcSlow,
+    FcLossy,
+    AttitudeAskew,
     LoopHeld,
     LoopSlow,
     RangersSilent,
@@ -94,8 +96,10 @@ pub enum Fault {
     MotorDead,
     BatteryLow,
     BatteryCritical,
+    BatterySags,
     BatteryReserve,
     WayBlocked,
+    SearchFails,
     PlaceJumps,
     Kidnapped,
     Hot,
@@ -124,7 +128,7 @@ pub struct FaultFacts {
 
 impl Fault {
     /// All.
-    pub const ALL: [Self; 28] = [
+    pub const ALL: [Self; 32] = [
         Self::None,
         Self::GroundSilent,
         Self::SticksStop,
@@ -132,6 +136,8 @@ impl Fault {
         Self::FcSilent,
         Self::FcNoisy,
         Self::FcSlow,
+        Self::FcLossy,
+        Self::AttitudeAskew,
         Self::LoopHeld,
         Self::LoopSlow,
         Self::RangersSilent,
@@ -142,8 +148,10 @@ impl Fault {
         Self::MotorDead,
         Self::BatteryLow,
         Self::BatteryCritical,
+        Self::BatterySags,
         Self::BatteryReserve,
         Self::WayBlocked,
+        Self::SearchFails,
         Self::PlaceJumps,
         Self::Kidnapped,
         Self::Hot,
@@ -184,20 +192,24 @@ impl Fault {
             },
             // The controller holds its last sticks and then stops the motors: it falls.
             Self::FcSilent => row("fc-silent", false, &[Because::FcSilent]),
-            Self::FcNoisy => row(
-                "fc-noisy",
-                false,
+            Self::FcNoisy => row("fc-noisy", false, BAD_LINE),
+            // It carries out 40 messages a second, where 60 are asked for.
+            Self::FcSlow => row("fc-slow", true, &[Because::FcSlow]),
+            // Half of its bytes are lost: whether answers are too few or none for a moment is the moment's.
+            Self::FcLossy => row("fc-lossy", true, BAD_LINE),
+            // It says that it leans, and does not: sooner or later the estimate believes it.
+            Self::AttitudeAskew => row("attitude-askew", false, &[Because::Inconsistent]),
+            Self::LoopHeld => row("loop-held", true, &[Because::LoopHeld]),
+            // Whether beats are missed or replies are late first is the moment's.
+            Self::LoopSlow => row(
+                "loop-slow",
+                true,
                 &[
+                    Because::LoopOverrun,
                     Because::FcSlow,
-                    Because::FcSilent,
                     Because::EstimatorFailed,
-                    Because::Inconsistent,
                 ],
             ),
-            // Half of its bytes are lost, where more is asked for than is left.
-            Self::FcSlow => row("fc-slow", true, &[Because::FcSlow]),
-            Self::LoopHeld => row("loop-held", true, &[Because::LoopHeld]),
-            Self::LoopSlow => row("loop-slow", true, &[Because::LoopOverrun, Because::FcSlow]),
             Self::RangersSilent => row("rangers-silent", true, &[Because::RangersSilent]),
             Self::OneRangerSilent => row("one-ranger-silent", true, &[]),
             // What it hides is not seen; walls of the plan are known without it.
@@ -215,13 +227,25 @@ impl Fault {
                 true,
                 &[Because::BatteryCritical, Because::BatterySags],
             ),
+            // An old pack: full enough, and its voltage breaks down under load.
+            Self::BatterySags => row("battery-sags", true, &[Because::BatterySags]),
             // The way home became longer than the battery: told by the reserve that is asked for.
             Self::BatteryReserve => row("battery-reserve", true, &[Because::BatteryReserve]),
-            // Walls that rise around it.
+            // Walls that rise around it and are not on the plan: it cannot pass, or what it sees is nowhere on the plan.
             Self::WayBlocked => FaultFacts {
                 modes: &[FlownMode::Mission],
                 is_alone: true,
-                ..row("way-blocked", true, &[Because::NoProgress])
+                ..row(
+                    "way-blocked",
+                    true,
+                    &[Because::NoProgress, Because::NotLocalized],
+                )
+            },
+            // It starts anywhere, among walls that the plan does not show: the search flight finds nothing.
+            Self::SearchFails => FaultFacts {
+                modes: &[FlownMode::Hold],
+                is_alone: true,
+                ..row("search-fails", true, &[Because::NotLocalized])
             },
             // Carried away where one jump is one too many.
             Self::PlaceJumps => row(
@@ -246,6 +270,14 @@ impl Fault {
         modes.is_empty() || modes.contains(&mode)
     }
 }
+
+/// What a line says that loses its bytes: too few answers, none, no attitude that is fresh, or one that does not fit.
+const BAD_LINE: &[Because] = &[
+    Because::FcSlow,
+    Because::FcSilent,
+    Because::EstimatorFailed,
+    Because::Inconsistent,
+];
 
 /// One flight of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -107,6 +107,7 @@ pub struct Lockstep {
     spent: Option<Spent>,
     ticks_seen: u64,
     held_until: Timestamp,
+    is_held: bool,
     planned_hold: Option<(Timestamp, Duration)>,
     frozen_until: Timestamp,
     keeper: Keeper,
@@ -198,6 +199,7 @@ impl Lockstep {
             spent: None,
             ticks_seen: 0,
             held_until: Timestamp::ZERO,
+            is_held: false,
             planned_hold: None,
             frozen_until: Timestamp::ZERO,
             keeper: Keeper::default(),
@@ -301,6 +303,7 @@ impl Lockstep {
     /// waits, as it does in the kernel and in the rings.
     pub fn hold_flight(&mut self, duration: Duration) {
         self.held_until = self.now + duration;
+        self.is_held = true;
     }
 
     /// [`Self::hold_flight`] at a time to come.
@@ -365,6 +368,11 @@ impl Lockstep {
             }
         }
         if now >= self.held_until {
+            if core::mem::take(&mut self.is_held) {
+                // What waited in the kernel comes as the flight thread takes it: bytes of the line before anything else.
+                let waiting = self.inputs.make_contiguous();
+                waiting.sort_by_key(|input| !matches!(input, Input::Fc(_)));
+            }
             while let Some(input) = self.inputs.pop_front() {
                 self.feed(input);
             }

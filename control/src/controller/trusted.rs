@@ -35,6 +35,7 @@ impl Trusted {
 pub(super) fn floor_view(nav: &NavState, trusted: &Trusted, climb_guess_mps: f64) -> FloorView {
     FloorView {
         climb_guess_mps,
+        height_std_m: finite_or_zero(nav.position_std_m.z()),
         height: trusted.height.then(|| (nav.height_m, -nav.velocity.z())),
         felt_mps2: finite_or_zero(-nav.accel_mps2.z()),
     }

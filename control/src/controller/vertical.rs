@@ -75,11 +75,17 @@ impl Controller {
             Setpoint::Land { descent_mps, .. } => {
                 let slow = nav.height_m < p.land_slow_m + self.airframe.landed_height_m;
                 let speed = finite_or_zero(descent_mps).clamp(0.05, p.z_vel_max_dn);
-                Vertical::Climb(if slow {
-                    -speed.min(p.land_crawl_mps)
+                let speed = if slow {
+                    speed.min(p.land_crawl_mps)
                 } else {
-                    -speed
-                })
+                    speed
+                };
+                let behind_m = if trusted.height {
+                    self.schedule.step(dt_s, speed, nav.height_m)
+                } else {
+                    0.0
+                };
+                Vertical::Climb(-speed - p.z_p * behind_m)
             }
             Setpoint::Idle | Setpoint::Sticks(_) => Vertical::Climb(0.0),
         };

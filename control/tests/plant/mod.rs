@@ -142,6 +142,7 @@ impl Plant {
             attitude: Rot::<Frd, Ned>::from_roll_pitch_yaw(level_roll, level_pitch, self.yaw),
             accel_mps2: In::new(0.0, 0.0, -self.specific_force),
             height_m: -self.position[2],
+            position_std_m: In::new(0.02, 0.02, 0.02),
             health: NavHealth {
                 attitude: true,
                 height: true,

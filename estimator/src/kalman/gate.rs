@@ -127,6 +127,14 @@ impl Gate {
         self.refusing_since = None;
     }
 
+    /// How long it has refused by now: from the first refusal in a row to the newest scalar, s.
+    pub(crate) fn refused_s(&self) -> f64 {
+        match (self.refusing_since, self.seen_at) {
+            (Some(since), Some(at)) => at.seconds_since(since).max(0.0),
+            _ => 0.0,
+        }
+    }
+
     /// Seconds since the previous scalar of this aid.
     pub(crate) fn spacing_s(&mut self, at: Timestamp) -> f64 {
         let spacing = self.seen_at.map_or(f64::INFINITY, |t| at.seconds_since(t));

@@ -193,6 +193,12 @@ impl Filter {
         self.gates[aid as usize].status()
     }
 
+    /// How long an aid has been refused without a break, s; silence is no refusal. Ends after a second, when the filter gives in.
+    #[must_use]
+    pub fn refused_s(&self, aid: Aid) -> f64 {
+        self.gates[aid as usize].refused_s()
+    }
+
     /// Puts the vehicle at another place and heading: velocity and attitude turn with the heading, height stays.
     pub fn relocate(&mut self, north_m: f64, east_m: f64, yaw_rad: f64, std_m: f64, std_yaw: f64) {
         let turn = vehicle::angle::wrap_pi(yaw_rad - self.state.yaw());

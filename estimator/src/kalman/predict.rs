@@ -7,8 +7,8 @@ use super::covariance::{Growth, Symmetric, Transition};
 use super::nominal::exp;
 use super::{ATTITUDE, Covariance, Filter, POSITION, VELOCITY};
 use nalgebra::Vector3;
-use vehicle::ImuSample;
 use vehicle::airframe::GRAVITY_MPS2;
+use vehicle::{ImuSample, Timestamp};
 
 /// Longer than this without an inertial sample is a gap: velocity is held and its uncertainty grows, s.
 const GAP_S: f64 = 0.25;
@@ -124,6 +124,14 @@ impl Filter {
             gyro_bias: n.gyro_bias * n.gyro_bias * dt,
         };
         self.covariance.propagate(&transition, &growth);
+    }
+
+    /// Whether this time lies in a gap of the inertial samples. What was measured there is of a place where the filter is not yet:
+    /// fused at once, the readings of a whole gap would look like one moment's, and their spread like a speed.
+    #[must_use]
+    pub fn is_in_gap(&self, at: Timestamp) -> bool {
+        self.last_imu
+            .is_some_and(|imu| at.seconds_since(imu.at) > GAP_S)
     }
 
     /// Without inertial samples: constant velocity and attitude, with honest growth of doubt.

@@ -33,7 +33,9 @@ impl Link {
         else {
             self.statistics.stale_replies += 1;
             self.heard(now_us);
-            if now_us >= self.sync_again_us {
+            // Somebody may send RC in our name while we are held up. Such an answer says nothing that could be taken for another's.
+            let is_stray_rc = frame.command == command::SET_RAW_RC;
+            if now_us >= self.sync_again_us && !is_stray_rc {
                 // Meant for somebody else, or we are out of step.
                 self.is_syncing = true;
                 self.sync_again_us = now_us + SYNC_PAUSE_US;

@@ -414,6 +414,23 @@ fn a_reader_that_was_held_up_finds_the_answers_that_waited_and_no_loss() {
     );
 }
 
+#[test]
+fn answers_to_rc_that_somebody_sends_in_our_name_do_not_stop_the_polls() {
+    let mut bench = Bench::online(Kind::Betaflight);
+    bench.rc_period_us = Some(25_000);
+    let mut frame = Vec::new();
+    let rc = [0xDC, 0x05].repeat(5);
+    let request = crate::Direction::Request;
+    crate::encode(Framing::V1, request, command::SET_RAW_RC, &rc, &mut frame).unwrap();
+    for _ in 0..30 {
+        bench.run(130_000);
+        bench.server.handle(&frame);
+    }
+    let served = bench.served();
+    let in_step = served.get(&command::DEBUG).copied().unwrap_or(0);
+    assert!(in_step <= 1, "put in step {in_step} times in 4 s");
+}
+
 // ---- rates ----
 
 #[test]

@@ -180,7 +180,7 @@ impl FlightController {
         let yaw_deg = whole(heading_deg) % 360;
         let is_signed = self.table.wire.heading_is_signed;
         Attitude {
-            roll_ddeg: deci_degrees(self.estimate.roll()),
+            roll_ddeg: deci_degrees(self.estimate.roll() + self.askew_rad),
             pitch_ddeg: deci_degrees(-self.estimate.pitch()),
             yaw_deg: if is_signed && yaw_deg > 180 {
                 yaw_deg - 360
@@ -193,7 +193,8 @@ impl FlightController {
     /// Body FLU to earth NWU.
     fn quaternion(&self) -> AttitudeQuaternion {
         let e = &self.estimate;
-        let turn = Rot::<Frd, Ned>::from_roll_pitch_yaw(e.roll(), e.pitch(), e.heading());
+        let roll = e.roll() + self.askew_rad;
+        let turn = Rot::<Frd, Ned>::from_roll_pitch_yaw(roll, e.pitch(), e.heading());
         let q = turn.quaternion();
         let q15 = |v: f64| whole(v * 32767.0);
         AttitudeQuaternion {

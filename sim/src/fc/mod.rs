@@ -49,6 +49,10 @@ use vehicle::{Pace, Timestamp};
 const REBOOT: Duration = Duration::from_millis(1500);
 /// Saving takes this long; the controller is deaf meanwhile.
 const SAVE: Duration = Duration::from_millis(300);
+/// What a busy controller carries out a second.
+const BUSY_HZ: f64 = 40.0;
+/// How wrong the roll is that an askew one tells, rad.
+const ASKEW_RAD: f64 = 15.0 * core::f64::consts::PI / 180.0;
 /// Frames of the pilot's radio a second.
 const RADIO_HZ: f64 = 50.0;
 
@@ -102,6 +106,8 @@ pub(crate) struct FlightController {
     receiver: Receiver,
     arming: Arming,
     estimate: Estimate,
+    /// Added to the roll that is told, rad.
+    askew_rad: f64,
     stabilizer: Stabilizer,
     imu: Imu,
     baro: Baro,
@@ -145,6 +151,7 @@ impl FlightController {
             receiver: Receiver::new(&table.receiver, table.beside_radio, source),
             arming: Arming::new(Timestamp::ZERO, &table.arming),
             estimate: Estimate::new(seed, vehicle, quad.attitude().yaw()),
+            askew_rad: 0.0,
             stabilizer: Stabilizer::default(),
             imu: Imu::new(seed, vehicle),
             baro: Baro::new(seed, vehicle, quad.height_m()),
@@ -300,6 +307,22 @@ impl FlightController {
     /// The companion computer writes to the UART.
     pub(crate) fn write(&mut self, now: Timestamp, bytes: &[u8]) {
         self.uart.write(now, bytes);
+    }
+
+    /// Carries out fewer commands from now on, or as many as it is set to.
+    pub(crate) fn be_busy(&mut self, is_busy: bool) {
+        let usual_hz = f64::from(self.settings.serial_rate_hz.max(1));
+        let hz = if is_busy {
+            BUSY_HZ.min(usual_hz)
+        } else {
+            usual_hz
+        };
+        self.serial_task = Pace::hz(hz);
+    }
+
+    /// Tells a wrong roll from now on, or the true one again.
+    pub(crate) const fn tell_askew(&mut self, is_askew: bool) {
+        self.askew_rad = if is_askew { ASKEW_RAD } else { 0.0 };
     }
 
     /// What has arrived at the companion computer.

@@ -109,6 +109,7 @@ impl UquadFlight {
             // Its own filter is its attitude: nothing can be refused.
             tilt_refused_s: 0.0,
             setpoint: self.snapshot.setpoint,
+            goal: None,
             battery: None,
             fc_rate_hz: None,
             beats: (self.snapshot.flight_loop.ticks, 0),
