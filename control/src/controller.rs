@@ -85,9 +85,9 @@ pub struct ControlOutput {
 #[derive(Clone, Debug)]
 pub struct Controller {
     /// As they are set.
-    tuning: ControlParams,
-    /// As they are flown with: less gain in a loop that runs late.
     params: ControlParams,
+    /// As they are flown with: less gain in a loop that runs late.
+    in_force: ControlParams,
     lateness: Lateness,
     airframe: Airframe,
     curve: StickCurve,
@@ -126,7 +126,7 @@ impl Controller {
             curve: StickCurve::new(&params),
             hover: HoverThrust::new(&params, &airframe, mass_kg),
             mass_kg,
-            tuning: params.clone(),
+            in_force: params.clone(),
             params,
             lateness: Lateness::default(),
             airframe,
@@ -152,34 +152,36 @@ impl Controller {
     /// New tuning, in flight too: loops keep their state, what was learnt is kept; a changed `VEH_MASS` scales the hover
     /// throttle, a changed `MPC_THR_HOVER` or thrust model restarts its learning.
     pub fn set_params(&mut self, params: ControlParams) {
-        let changed = |of: fn(&ControlParams) -> f64| (of(&params) - of(&self.params)).abs() > 1e-9;
+        let changed =
+            |of: fn(&ControlParams) -> f64| (of(&params) - of(&self.in_force)).abs() > 1e-9;
         let model_changed = changed(|p| p.hover_throttle)
             || changed(|p| p.thrust_exponent)
             || changed(|p| p.motor_idle);
         let mass_changed =
-            (mass_of(&params, &self.airframe) - mass_of(&self.params, &self.airframe)).abs() > 1e-9;
-        self.tuning = params.clone();
+            (mass_of(&params, &self.airframe) - mass_of(&self.in_force, &self.airframe)).abs()
+                > 1e-9;
+        self.in_force = params.clone();
         self.params = params;
-        self.curve = StickCurve::new(&self.params);
+        self.curve = StickCurve::new(&self.in_force);
         if mass_changed {
-            self.set_mass(mass_of(&self.params, &self.airframe));
+            self.set_mass(mass_of(&self.in_force, &self.airframe));
         }
         if model_changed {
-            self.hover = HoverThrust::new(&self.params, &self.airframe, self.mass_kg);
+            self.hover = HoverThrust::new(&self.in_force, &self.airframe, self.mass_kg);
         }
     }
 
     /// The tuning as it is set.
     #[must_use]
     pub const fn params(&self) -> &ControlParams {
-        &self.tuning
+        &self.params
     }
 
     /// Tells the thrust model another mass, kg (keys i, k and 0): the hover throttle changes at once in proportion.
     pub fn set_mass(&mut self, mass_kg: f64) {
         if mass_kg.is_finite() && mass_kg > 0.0 {
             self.hover
-                .scale_weight(&self.params, mass_kg / self.mass_kg);
+                .scale_weight(&self.in_force, mass_kg / self.mass_kg);
             self.mass_kg = mass_kg;
         }
     }
@@ -193,7 +195,7 @@ impl Controller {
     /// Throttle stick that hovers, as learnt so far, 0..=1.
     #[must_use]
     pub fn hover_throttle(&self) -> f64 {
-        self.hover.throttle_of_lift(&self.params, 1.0)
+        self.hover.throttle_of_lift(&self.in_force, 1.0)
     }
 
     /// Forgets integrals and set-point history and starts from the present motion without a jump: for a jump of the state
@@ -223,7 +225,7 @@ impl Controller {
         phase: Phase,
     ) -> ControlOutput {
         if dt_s.is_finite() && dt_s > 0.0 {
-            self.params = self.tuning.taken_back(self.lateness.step(dt_s));
+            self.in_force = self.params.taken_back(self.lateness.step(dt_s));
         }
         let dt_s = if dt_s.is_finite() {
             dt_s.clamp(DT_MIN_S, DT_MAX_S)
@@ -267,7 +269,7 @@ impl Controller {
         (self.throttle, self.sticks_flew) = (sticks.throttle, true);
         ControlOutput {
             sticks,
-            thrust_fraction: HoverThrust::fraction_of_throttle(&self.params, sticks.throttle),
+            thrust_fraction: HoverThrust::fraction_of_throttle(&self.in_force, sticks.throttle),
             roll_sp_rad: self.curve.angle_of_stick(sticks.roll),
             pitch_sp_rad: self.curve.angle_of_stick(sticks.pitch),
             yaw_rate_sp_radps: self.curve.yaw_rate_of_stick(sticks.yaw),
@@ -279,11 +281,11 @@ impl Controller {
     /// On the floor with the throttle growing: level, no turn.
     fn spool(&mut self, dt_s: f64, nav: &NavState, trusted: &Trusted) -> ControlOutput {
         let view = floor_view(nav, trusted, self.climb_mps);
-        let lift = self.spool_up.step(&self.params, dt_s, &view);
-        let throttle = self.hover.throttle_of_lift(&self.params, lift);
+        let lift = self.spool_up.step(&self.in_force, dt_s, &view);
+        let throttle = self.hover.throttle_of_lift(&self.in_force, lift);
         if self.spool_up.lifted_off() {
             let ratio = self.spool_up.weight_found();
-            self.hover.scale_weight(&self.params, ratio);
+            self.hover.scale_weight(&self.in_force, ratio);
         }
         (self.horizontal_ran, self.vertical_ran, self.heading_ran) = (false, false, false);
         self.emit(Wanted {
@@ -329,7 +331,7 @@ impl Controller {
                 if self.touchdown.landed() {
                     0.0
                 } else {
-                    self.hover.throttle_of_lift(&self.params, lift)
+                    self.hover.throttle_of_lift(&self.in_force, lift)
                 }
             }
         };
@@ -378,7 +380,7 @@ impl Controller {
             Heading::Rate(0.0)
         };
         self.heading
-            .step(&self.params, dt_s, nav.yaw_rad(), heading)
+            .step(&self.in_force, dt_s, nav.yaw_rad(), heading)
     }
 
     /// From angles, rate and throttle to an output; the last place where a number could be wrong.
@@ -393,7 +395,7 @@ impl Controller {
         (self.throttle, self.sticks_flew) = (sticks.throttle, false);
         ControlOutput {
             sticks,
-            thrust_fraction: HoverThrust::fraction_of_throttle(&self.params, sticks.throttle),
+            thrust_fraction: HoverThrust::fraction_of_throttle(&self.in_force, sticks.throttle),
             roll_sp_rad: w.roll,
             pitch_sp_rad: w.pitch,
             yaw_sp_rad: w.yaw_sp_rad,

@@ -57,7 +57,11 @@ fn faults_in_all_modes_and_rooms_end_as_their_row_says() {
         bad.len()
     );
     if flights >= WHOLE {
-        let of_fault = |fault| flown.iter().filter(|(c, _)| c.faults().any(|f| f == fault));
+        let of_fault = |fault| {
+            flown
+                .iter()
+                .filter(move |(c, _)| c.faults().any(|f| f == fault))
+        };
         for fault in Fault::ALL {
             let flown = of_fault(fault).count();
             assert!(flown >= LEAST, "{}: {flown} flights", fault.facts().name);
