@@ -57,14 +57,10 @@ fn faults_in_all_modes_and_rooms_end_as_their_row_says() {
         bad.len()
     );
     if flights >= WHOLE {
-        let of_fault = |fault| {
-            flown
-                .iter()
-                .filter(move |(c, _)| c.faults().any(|f| f == fault))
-        };
         for fault in Fault::ALL {
-            let flown = of_fault(fault).count();
-            assert!(flown >= LEAST, "{}: {flown} flights", fault.facts().name);
+            let of_fault = flown.iter().filter(|(c, _)| c.faults().any(|f| f == fault));
+            let times = of_fault.count();
+            assert!(times >= LEAST, "{}: {times} flights", fault.facts().name);
         }
         for row in &TABLE {
             let acted = flown.iter().filter(|(_, o)| o.rows.contains(&row.because));

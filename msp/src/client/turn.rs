@@ -12,8 +12,8 @@ use arrayvec::ArrayVec;
 /// RC frames outstanding at most, and while the controller is mute.
 const MAX_RC_OUTSTANDING: [usize; 2] = [2, 1];
 /// After so many RC frames in a row a request that is late by a whole interval goes first, or a
-/// slow controller would serve nothing but RC, and each frame would steer by the same old attitude.
-const MAX_RC_STREAK: u8 = 1;
+/// slow controller would serve nothing but RC.
+const MAX_RC_STREAK: u8 = 2;
 /// How soon a one-off request or a question of a renewed identification wants its turn.
 const ONE_OFF_INTERVAL_US: u64 = 100_000;
 
