@@ -168,7 +168,8 @@ impl Watch {
         let here = l.nav.position;
         // The last piece to a place is hovered to: what stands in front of it keeps the vehicle as well.
         let is_under_way = match l.setpoint {
-            Some(Setpoint::Velocity { .. }) => true,
+            // A stream of speeds leads nowhere in particular: it may go to and fro.
+            Some(Setpoint::Velocity { .. }) => l.goal.is_some(),
             Some(Setpoint::Hover { position, .. }) => (position - here).norm_xy() > THERE_M,
             _ => false,
         };
@@ -311,13 +312,19 @@ mod tests {
             heading: vehicle::Heading::Rate(0.0),
         };
         let mut w = Watch::default();
-        for i in 0..=400 {
-            w.look(&Look {
-                setpoint: Some(travelling),
-                ..look(25 * i, &nav, &params)
-            });
-        }
-        assert!((w.no_progress_s - 10.0).abs() < 0.05, "{}", w.no_progress_s);
+        let mut stand = |goal| {
+            for i in 0..=400 {
+                w.look(&Look {
+                    setpoint: Some(travelling),
+                    goal,
+                    ..look(25 * i, &nav, &params)
+                });
+            }
+            w.no_progress_s
+        };
+        assert!(stand(None) == 0.0, "speeds by a stream lead to no place");
+        let stood_s = stand(Some(In::new(3.0, 0.0, 0.0)));
+        assert!((stood_s - 10.0).abs() < 0.05, "{stood_s}");
         w.look(&look(10_025, &nav, &params));
         assert!(w.no_progress_s == 0.0);
     }
