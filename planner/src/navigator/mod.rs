@@ -353,6 +353,11 @@ impl Navigator {
         self.goal
     }
 
+    /// Nowhere is gone to any more: somebody else says how fast to fly.
+    pub const fn forget_goal(&mut self) {
+        self.goal = None;
+    }
+
     /// Corners of the way, for the ground.
     #[must_use]
     pub fn route(&self) -> &[In<Ned>] {

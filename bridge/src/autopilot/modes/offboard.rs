@@ -197,6 +197,7 @@ impl Offboard {
             };
         }
         self.routed_to = None;
+        c.navigator.forget_goal();
         let [vx, vy, vz] = velocity.map(|v| v.unwrap_or(0.0));
         let (vx, vy) = if frame == OffboardFrame::Body {
             turn(vx, vy, c.nav.yaw_rad())
