@@ -503,17 +503,21 @@ fn what_the_computer_tells_reaches_the_pilot_and_flying_goes_on() {
 
 #[test]
 fn a_way_that_stays_blocked_ends_in_hold() {
-    let mut f = Scenario::office().param("KST_PROGRESS_T", "5").start();
+    let mut f = Scenario::office()
+        .param("KST_PROGRESS_T", "5")
+        .param("MPC_XY_CRUISE", "0.1")
+        .start();
     f.take_off(1.0);
     let stay = |f: &mut flight_tests::Flight| {
-        // A stream that asks for a crawl: on its way, and nowhere.
+        // A place that is crawled to: on its way, and nowhere. (A stream of speeds leads to no place.)
         f.station
             .send(&mavlink_dialect::raw::SET_POSITION_TARGET_LOCAL_NED_DATA {
                 target_system: 1,
                 target_component: 1,
                 coordinate_frame: 1,
-                type_mask: 0b0000_0111 | 0b1_1100_0000 | 0x400 | 0x800,
-                vx: 0.02,
+                type_mask: 0b1101_1111_1000,
+                x: 1.5,
+                z: -1.0,
                 ..Default::default()
             });
         f.wait_s(0.05);
