@@ -260,7 +260,7 @@ impl Estimator {
             return;
         }
         self.fresh.baro = Some(baro.at);
-        if self.navigation.is_in_gap(baro.at) {
+        if self.navigation.is_elsewhere(baro.at) {
             return;
         }
         let has_better = self.fresh.has_range(baro.at) || self.is_landed;
@@ -302,7 +302,7 @@ impl Estimator {
             self.diagnostics.refused_samples += 1;
             return;
         }
-        if self.navigation.is_in_gap(range.at) {
+        if self.navigation.is_elsewhere(range.at) {
             self.fresh.down_range = Some(range.at);
             return;
         }

@@ -18,7 +18,7 @@ pub use score::{Errors, percentile};
 use bridge::autopilot::door::Snapshot;
 use bridge::autopilot::flight::Start;
 use bridge::gcs::LinkId;
-use bridge::io::lockstep::{Lockstep, LockstepConfig, Outgoing};
+use bridge::io::lockstep::{Lockstep, LockstepConfig};
 use bridge::io::truth::Row;
 use bridge::log::record::LogSink;
 use bridge::log::writer::MemoryLog;
@@ -355,14 +355,7 @@ impl Flight {
     /// One slice of virtual time.
     pub fn step(&mut self) {
         let now = self.world.now() + SLICE;
-        self.world.advance(now);
-        while let Some(out) = self.world.poll() {
-            if let Outgoing::Frame(STATION, frame) = out {
-                self.station.receive(&frame);
-            }
-        }
-        self.station.tick(now);
-        self.hand_over();
+        self.world.advance_with(now, STATION, &mut self.station);
         if self.pace.is_due(now) {
             self.rows.push(Row::take(
                 now,
@@ -376,22 +369,13 @@ impl Flight {
 
     /// What the station has sent reaches the vehicle now, not with the next [`step`](Self::step).
     pub fn hand_over(&mut self) {
-        while let Some(frame) = self.station.poll() {
-            self.world.receive(STATION, &frame, true);
-        }
+        self.world.hand_over(STATION, &mut self.station);
     }
 
     /// Time finer than a [`step`](Self::step), without rows; the station beats on.
     pub fn advance(&mut self, by: Duration) {
         let now = self.world.now() + by;
-        self.world.advance(now);
-        while let Some(out) = self.world.poll() {
-            if let Outgoing::Frame(STATION, frame) = out {
-                self.station.receive(&frame);
-            }
-        }
-        self.station.tick(now);
-        self.hand_over();
+        self.world.advance_with(now, STATION, &mut self.station);
     }
 
     /// With KESTREL_TRACE set: truth beside belief, twice a second.

@@ -5,7 +5,7 @@ use super::plan::{Campaign, Case, Dice, Fault, FlownMode};
 use crate::autopilot::door::{HostReport, Request, Snapshot};
 use crate::autopilot::flight::Start;
 use crate::gcs::LinkId;
-use crate::io::lockstep::{Lockstep, LockstepConfig, Outgoing};
+use crate::io::lockstep::{Lockstep, LockstepConfig};
 use crate::io::truth::Row;
 use crate::settings::{Origin, Settings, SettingsError};
 use crate::station::{self, GroundStation};
@@ -24,6 +24,8 @@ const STREAM: f64 = 0.1;
 const LEFT_ALONE_S: f64 = 12.0;
 /// The same for one whose row takes its time.
 const LEFT_LONG_S: f64 = 20.0;
+/// The same for one that was carried away and has to find out first, among rooms that look alike.
+const LEFT_CARRIED_S: f64 = 40.0;
 /// Time it then has to be down.
 const LANDING_S: f64 = 35.0;
 /// Flying height, m.
@@ -79,10 +81,10 @@ pub fn watch(
         script.fly(dice.between(0.5, 4.0), |_| false);
         script.inject(second, &mut dice);
     }
-    let left_s = if case.fault.facts().is_alone {
-        LEFT_LONG_S
-    } else {
-        LEFT_ALONE_S
+    let left_s = match case.fault {
+        Fault::PlaceJumps => LEFT_CARRIED_S,
+        fault if fault.facts().is_alone => LEFT_LONG_S,
+        _ => LEFT_ALONE_S,
     };
     script.fly(left_s, Script::is_down);
     if !script.is_down() {
@@ -175,16 +177,7 @@ impl<'a> Script<'a> {
             self.world.hold_flight(Duration::from_millis(100));
         }
         let now = self.world.now() + SLICE;
-        self.world.advance(now);
-        while let Some(out) = self.world.poll() {
-            if let Outgoing::Frame(STATION, frame) = out {
-                self.station.receive(&frame);
-            }
-        }
-        self.station.tick(now);
-        while let Some(frame) = self.station.poll() {
-            self.world.receive(STATION, &frame, true);
-        }
+        self.world.advance_with(now, STATION, &mut self.station);
         let row = Row::take(now, &self.world.simulator, 0, self.world.snapshot());
         self.judge.look(&row, self.world.snapshot());
         (self.seen)(&row, self.world.snapshot());

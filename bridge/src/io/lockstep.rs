@@ -16,6 +16,7 @@ use crate::gcs::{Document, LinkId};
 use crate::log::record::LogSink;
 use crate::log::{Emitted, FlightRecord, GroundRecord, Header, Part};
 use crate::settings::Settings;
+use crate::station::GroundStation;
 use estimator::SearchRequest;
 use mavlink_dialect::{Address, FrameBytes};
 use sim::{SimConfig, SimError, SimOutput, Simulator};
@@ -82,6 +83,37 @@ pub enum Outgoing {
     Keep(Document),
     /// A job for the disk; [`Lockstep::disk`] takes the answer.
     Disk(Ticket, DiskJob),
+}
+
+/// Where an output of a simulated vehicle's `Ground` goes.
+pub(super) enum Due {
+    /// To the brain.
+    Ask(Asked),
+    /// Back to `Ground`: the simulator did it.
+    Answer(Answer),
+    /// To the shell.
+    Out(Outgoing),
+}
+
+impl Due {
+    /// A failure that a station asks for is the simulator's to have, not the brain's to know.
+    pub(super) fn of(output: GroundOutput, simulator: &mut Simulator, rangers: usize) -> Self {
+        match output {
+            GroundOutput::Send { link, bytes } => Self::Out(Outgoing::Frame(link, bytes)),
+            GroundOutput::Request(Asked {
+                id,
+                station,
+                request: Request::Inject(failure),
+            }) => Self::Answer(Answer {
+                id,
+                station,
+                outcome: inject(simulator, rangers, failure),
+            }),
+            GroundOutput::Request(asked) => Self::Ask(asked),
+            GroundOutput::Keep(document) => Self::Out(Outgoing::Keep(document)),
+            GroundOutput::Disk(ticket, job) => Self::Out(Outgoing::Disk(ticket, job)),
+        }
+    }
 }
 
 /// A simulated vehicle with its brain.
@@ -332,6 +364,27 @@ impl Lockstep {
         }
     }
 
+    /// Lets virtual time pass and a scripted station at this link, the only one that is served, hear and say what it has to.
+    pub fn advance_with(&mut self, until: Timestamp, link: LinkId, station: &mut GroundStation) {
+        self.advance(until);
+        while let Some(out) = self.poll() {
+            if let Outgoing::Frame(to, frame) = out
+                && to == link
+            {
+                station.receive(&frame);
+            }
+        }
+        station.tick(until);
+        self.hand_over(link, station);
+    }
+
+    /// What a scripted station has sent arrives now.
+    pub fn hand_over(&mut self, link: LinkId, station: &mut GroundStation) {
+        while let Some(frame) = station.poll() {
+            self.receive(link, &frame, true);
+        }
+    }
+
     fn step(&mut self) {
         let now = self.now + sim::STEP;
         self.now = now;
@@ -488,28 +541,14 @@ impl Lockstep {
 
     fn drain_ground(&mut self) {
         while let Some(output) = self.ground.poll() {
-            match output {
-                GroundOutput::Send { link, bytes } => {
-                    self.log_ground(link, &bytes);
-                    self.outgoing.push_back(Outgoing::Frame(link, bytes));
-                }
-                GroundOutput::Request(Asked {
-                    id,
-                    station,
-                    request: Request::Inject(failure),
-                }) => {
-                    let outcome = inject(&mut self.simulator, self.rangers, failure);
-                    let answer = Answer {
-                        id,
-                        station,
-                        outcome,
-                    };
-                    self.ground.answer(self.now, &answer);
-                }
-                GroundOutput::Request(asked) => self.feed(Input::Asked(asked)),
-                GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
-                GroundOutput::Disk(ticket, job) => {
-                    self.outgoing.push_back(Outgoing::Disk(ticket, job))
+            match Due::of(output, &mut self.simulator, self.rangers) {
+                Due::Ask(asked) => self.feed(Input::Asked(asked)),
+                Due::Answer(answer) => self.ground.answer(self.now, &answer),
+                Due::Out(out) => {
+                    if let Outgoing::Frame(link, frame) = &out {
+                        self.log_ground(*link, frame);
+                    }
+                    self.outgoing.push_back(out);
                 }
             }
         }

@@ -1,12 +1,11 @@
 //! uQuad in the simulator: world, inertial unit, motor driver and speed controllers, the aircraft and its `Ground`, in one thread and on virtual
 //! time, a millisecond at a time. Bytes all the way round: the board's frames in, the driver's messages out.
 
-use super::inject::inject;
-use super::lockstep::{Outgoing, our_address};
+use super::lockstep::{Due, Outgoing, our_address};
 use super::truth::{Row, TruthFile};
-use crate::autopilot::door::{Answer, Asked, HostReport, Request, RequestId, Snapshot, Station};
+use crate::autopilot::door::{Asked, HostReport, Request, RequestId, Snapshot, Station};
 use crate::autopilot::flight::Start;
-use crate::autopilot::ground::{Ground, GroundConfig, GroundOutput};
+use crate::autopilot::ground::{Ground, GroundConfig};
 use crate::autopilot::io::FcBytes;
 use crate::gcs::disk::{DiskReply, Ticket};
 use crate::gcs::{Document, LinkId};
@@ -365,28 +364,10 @@ impl UquadLockstep {
 
     fn drain_ground(&mut self) {
         while let Some(output) = self.ground.poll() {
-            match output {
-                GroundOutput::Send { link, bytes } => {
-                    self.outgoing.push_back(Outgoing::Frame(link, bytes));
-                }
-                GroundOutput::Request(Asked {
-                    id,
-                    station,
-                    request: Request::Inject(failure),
-                }) => {
-                    let outcome = inject(&mut self.simulator, self.rangers, failure);
-                    let answer = Answer {
-                        id,
-                        station,
-                        outcome,
-                    };
-                    self.ground.answer(self.now, &answer);
-                }
-                GroundOutput::Request(asked) => self.feed(UquadInput::Asked(asked)),
-                GroundOutput::Keep(document) => self.outgoing.push_back(Outgoing::Keep(document)),
-                GroundOutput::Disk(ticket, job) => {
-                    self.outgoing.push_back(Outgoing::Disk(ticket, job));
-                }
+            match Due::of(output, &mut self.simulator, self.rangers) {
+                Due::Ask(asked) => self.feed(UquadInput::Asked(asked)),
+                Due::Answer(answer) => self.ground.answer(self.now, &answer),
+                Due::Out(out) => self.outgoing.push_back(out),
             }
         }
     }

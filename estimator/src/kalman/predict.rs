@@ -12,6 +12,8 @@ use vehicle::{ImuSample, Timestamp};
 
 /// Longer than this without an inertial sample is a gap: velocity is held and its uncertainty grows, s.
 const GAP_S: f64 = 0.25;
+/// A reading this much older than the filter is told by what waited, not by what is, s. No sensor of ours takes half as long.
+const LATE_S: f64 = 0.15;
 /// What the vehicle may do unseen in a gap: acceleration, m/s2, and angular rate, rad/s.
 const GAP_ACCEL_MPS2: f64 = 2.0;
 const GAP_RATE_RADPS: f64 = 0.3;
@@ -126,12 +128,15 @@ impl Filter {
         self.covariance.propagate(&transition, &growth);
     }
 
-    /// Whether this time lies in a gap of the inertial samples. What was measured there is of a place where the filter is not yet:
-    /// fused at once, the readings of a whole gap would look like one moment's, and their spread like a speed.
+    /// Whether the filter is at another time than this, because of a gap of the inertial samples: not yet there, or past it already with
+    /// the readings that waited still coming. Fused at once, the readings of a whole gap would look like one moment's, and their
+    /// spread like a speed.
     #[must_use]
-    pub fn is_in_gap(&self, at: Timestamp) -> bool {
-        self.last_imu
-            .is_some_and(|imu| at.seconds_since(imu.at) > GAP_S)
+    pub fn is_elsewhere(&self, at: Timestamp) -> bool {
+        self.last_imu.is_some_and(|imu| {
+            let ahead_s = at.seconds_since(imu.at);
+            ahead_s > GAP_S || ahead_s < -LATE_S
+        })
     }
 
     /// Without inertial samples: constant velocity and attitude, with honest growth of doubt.

@@ -245,6 +245,8 @@ pub struct Senses {
     pub imu_jitter_us: u64,
     /// Nothing at all comes between these times, s.
     pub gap_s: Option<(f64, f64)>,
+    /// The distances to the floor measured in the gap have waited, and come right after it.
+    pub has_backlog: bool,
     /// Height of what stands under the vehicle at a plan point, m.
     pub floor_m: fn([f64; 2]) -> f64,
 }
@@ -261,6 +263,7 @@ impl Senses {
             imu_ms: 25,
             imu_jitter_us: 2_000,
             gap_s: None,
+            has_backlog: false,
             floor_m: |_| 0.0,
         }
     }
@@ -349,14 +352,19 @@ impl<'a> Simulation<'a> {
         mut each: impl FnMut(&Truth, &mut Estimator),
     ) {
         let end = self.now + Duration::from_secs_f64(seconds);
+        let mut waited = Vec::new();
         while self.now < end {
             self.now += Duration::from_millis(5);
             let t = self.now.s();
+            let truth = self.truth();
             if self.senses.gap_s.is_some_and(|(a, b)| t > a && t < b) {
+                if self.senses.has_backlog {
+                    let samples = self.sense(&truth).into_iter();
+                    waited.extend(samples.filter(|s| matches!(s, Sample::DownRange(_))));
+                }
                 continue;
             }
-            let truth = self.truth();
-            for sample in self.sense(&truth) {
+            for sample in self.sense(&truth).into_iter().chain(waited.drain(..)) {
                 sample.feed(estimator);
             }
             estimator.update(self.now);

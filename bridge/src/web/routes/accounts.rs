@@ -102,27 +102,51 @@ struct Name {
     name: String,
 }
 
+/// Who signs in.
+#[derive(Clone, Copy)]
+enum Account {
+    User,
+    Key,
+}
+
+/// Strikes an account from the books and ends its sessions.
+async fn remove(server: &Arc<Server>, caller: &Caller, given: Body, kind: Account) -> Reply {
+    let Name { name } = body(given)?;
+    let entry = name.clone();
+    let is_done = server
+        .ledger
+        .ask(move |books| match kind {
+            Account::User => books.remove_user(&entry),
+            Account::Key => books.remove_key(&entry),
+        })
+        .await
+        .map_err(unavailable)?;
+    // A key signs in under its name behind an @.
+    let (word, login) = match kind {
+        Account::User => ("user", name.clone()),
+        Account::Key => ("key", format!("@{name}")),
+    };
+    if !is_done {
+        return Err(no(
+            StatusCode::NOT_FOUND,
+            &format!("there is no such {word}"),
+        ));
+    }
+    server.end_of(&login);
+    server.administered(&caller.session.user, format!("removed {word} {name}"));
+    Ok(json(&serde_json::json!({})))
+}
+
 pub(in crate::web) async fn remove_user(
     State(server): State<Arc<Server>>,
     Extension(caller): Extension<Caller>,
     given: Body,
 ) -> Reply {
-    let given: Name = body(given)?;
-    let name = given.name.clone();
-    let is_done = server
-        .ledger
-        .ask(move |books| books.remove_user(&name))
-        .await
-        .map_err(unavailable)?;
-    if !is_done {
-        return Err(no(StatusCode::NOT_FOUND, "there is no such user"));
-    }
-    server.end_of(&given.name);
+    let reply = remove(&server, &caller, given, Account::User).await?;
     if let Some(fleet) = &server.fleet {
         fleet.reload(&server).await;
     }
-    server.administered(&caller.session.user, format!("removed user {}", given.name));
-    Ok(json(&serde_json::json!({})))
+    Ok(reply)
 }
 
 pub(in crate::web) async fn keys(State(server): State<Arc<Server>>) -> Reply {
@@ -176,17 +200,5 @@ pub(in crate::web) async fn remove_key(
     Extension(caller): Extension<Caller>,
     given: Body,
 ) -> Reply {
-    let given: Name = body(given)?;
-    let name = given.name.clone();
-    let is_done = server
-        .ledger
-        .ask(move |books| books.remove_key(&name))
-        .await
-        .map_err(unavailable)?;
-    if !is_done {
-        return Err(no(StatusCode::NOT_FOUND, "there is no such key"));
-    }
-    server.end_of(&format!("@{}", given.name));
-    server.administered(&caller.session.user, format!("removed key {}", given.name));
-    Ok(json(&serde_json::json!({})))
+    remove(&server, &caller, given, Account::Key).await
 }
