@@ -364,8 +364,15 @@ impl<'a> Simulation<'a> {
                 }
                 continue;
             }
-            for sample in self.sense(&truth).into_iter().chain(waited.drain(..)) {
+            let samples = self.sense(&truth);
+            let is_moved = samples.iter().any(|s| matches!(s, Sample::Imu(_)));
+            for sample in samples {
                 sample.feed(estimator);
+            }
+            if is_moved {
+                for sample in waited.drain(..) {
+                    sample.feed(estimator);
+                }
             }
             estimator.update(self.now);
             if let Some(job) = estimator.poll_job() {
