@@ -308,3 +308,232 @@ impl Viewer {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::clock;
+    use str0m::change::SdpOffer;
+
+    const CAMERA: &str = "127.0.0.1:8444";
+
+    #[derive(Default)]
+    struct Kept {
+        datagrams: Vec<(SocketAddr, Vec<u8>)>,
+        words: Vec<(Caller, String)>,
+    }
+
+    impl Out for Kept {
+        fn transmit(&mut self, to: SocketAddr, bytes: &[u8]) {
+            self.datagrams.push((to, bytes.to_vec()));
+        }
+
+        fn tell(&mut self, caller: Caller, text: String) {
+            self.words.push((caller, text));
+        }
+    }
+
+    /// Repeatable bytes.
+    struct Dice(u64);
+
+    impl Dice {
+        fn byte(&mut self) -> u8 {
+            self.0 = self
+                .0
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 56) as u8
+        }
+
+        /// Something that looks like STUN, DTLS, RTP or RTCP from afar, or like nothing.
+        fn datagram(&mut self) -> Vec<u8> {
+            let first = match self.byte() % 4 {
+                0 => self.byte() % 4,
+                1 => 20 + self.byte() % 44,
+                2 => 128 + self.byte() % 64,
+                _ => self.byte(),
+            };
+            let length = usize::from(self.byte()) * 5;
+            let mut bytes = vec![first];
+            bytes.extend((0..length).map(|_| self.byte()));
+            if first < 4 && bytes.len() >= 20 {
+                // The cookie of STUN, and a length that fits.
+                let length = (bytes.len() - 20) as u16;
+                bytes[2..4].copy_from_slice(&length.to_be_bytes());
+                bytes[4..8].copy_from_slice(&[0x21, 0x12, 0xA4, 0x42]);
+            }
+            bytes
+        }
+    }
+
+    fn stream() -> Stream {
+        Stream {
+            id: "p".to_owned(),
+            name: "camera".to_owned(),
+            size: [640, 480],
+            fps: 30.0,
+            source: "test".to_owned(),
+        }
+    }
+
+    fn address(text: &str) -> SocketAddr {
+        text.parse().unwrap()
+    }
+
+    /// A real peer: what a browser does, with the same library.
+    struct Browser {
+        rtc: Rtc,
+        at: SocketAddr,
+        pictures: usize,
+        deadline: Instant,
+    }
+
+    impl Browser {
+        fn join(now: Instant, viewers: &mut Viewers, caller: Caller, out: &mut Kept) -> Self {
+            viewers.begin(
+                now,
+                (caller, "c"),
+                &stream(),
+                address(CAMERA),
+                [caller as u8; 16],
+                out,
+            );
+            let (_, offer) = out.words.last().unwrap();
+            let offer: serde_json::Value = serde_json::from_str(offer).unwrap();
+            let content = &offer["content"]["content"];
+            let sdp = content["sdp"]["sdp"].as_str().unwrap();
+            let at = address("127.0.0.1:40000");
+            let mut rtc = Rtc::new(now);
+            rtc.add_local_candidate(Candidate::host(at, "udp").unwrap());
+            let offer = SdpOffer::from_sdp_string(sdp).unwrap();
+            let answer = rtc.sdp_api().accept_offer(offer).unwrap();
+            let said = Said::Answer {
+                session: content["session_id"].as_str().unwrap().to_owned(),
+                sdp: answer.to_sdp_string(),
+            };
+            viewers.said(now, caller, &said, out);
+            Self {
+                rtc,
+                at,
+                pictures: 0,
+                deadline: now,
+            }
+        }
+
+        /// Ten milliseconds of both sides.
+        fn pass(&mut self, now: Instant, viewers: &mut Viewers, out: &mut Kept) {
+            for (to, bytes) in std::mem::take(&mut out.datagrams) {
+                if to == self.at {
+                    let receive = Receive::new(Protocol::Udp, address(CAMERA), self.at, &bytes);
+                    let _ = self.rtc.handle_input(Input::Receive(now, receive.unwrap()));
+                }
+            }
+            if self.deadline <= now {
+                let _ = self.rtc.handle_input(Input::Timeout(now));
+            }
+            loop {
+                match self.rtc.poll_output().unwrap() {
+                    Output::Timeout(at) => {
+                        self.deadline = at;
+                        break;
+                    }
+                    Output::Transmit(t) => viewers.receive(now, self.at, &t.contents, out),
+                    Output::Event(Event::MediaData(_)) => self.pictures += 1,
+                    Output::Event(_) => {}
+                }
+            }
+            viewers.pass(now, out);
+        }
+    }
+
+    #[test]
+    fn who_floods_the_port_of_the_pictures_reaches_no_session_and_takes_nobodys_picture() {
+        str0m::crypto::from_feature_flags().install_process_default();
+        let (mut now, mut out, mut viewers) =
+            (clock::instant(), Kept::default(), Viewers::default());
+        let mut browser = Browser::join(now, &mut viewers, 1, &mut out);
+        let picture = AccessUnit {
+            annex_b: [[0, 0, 0, 1, 0x65].as_slice(), &[7; 3000]].concat().into(),
+            is_key: true,
+        };
+        let mut dice = Dice(1);
+        let mut flood = 0;
+        for tick in 0..400 {
+            now += Duration::from_millis(10);
+            for _ in 0..20 {
+                let from = SocketAddr::from(([10, 0, dice.byte(), dice.byte()], 4000));
+                let bytes = dice.datagram();
+                viewers.receive(now, from, &bytes, &mut out);
+                flood += 1;
+            }
+            browser.pass(now, &mut viewers, &mut out);
+            if tick % 3 == 0 {
+                viewers.show(now, tick * 900, &picture, &mut out);
+            }
+        }
+        assert!(browser.pictures > 50, "{} pictures", browser.pictures);
+        assert_eq!((viewers.count(), viewers.strangers), (1, flood));
+        // Nothing was said to anybody but the one who watches, and nobody else was answered.
+        assert!(out.words.iter().all(|(caller, _)| *caller == 1) && out.words.len() == 2);
+        assert!(out.datagrams.iter().all(|(to, _)| *to == browser.at));
+    }
+
+    #[test]
+    fn forged_datagrams_of_a_viewer_end_at_most_that_one() {
+        str0m::crypto::from_feature_flags().install_process_default();
+        let (mut now, mut out, mut viewers) =
+            (clock::instant(), Kept::default(), Viewers::default());
+        let mut browser = Browser::join(now, &mut viewers, 1, &mut out);
+        viewers.begin(now, (2, "d"), &stream(), address(CAMERA), [2; 16], &mut out);
+        let mut dice = Dice(2);
+        for _ in 0..200 {
+            now += Duration::from_millis(10);
+            browser.pass(now, &mut viewers, &mut out);
+            let bytes = dice.datagram();
+            viewers.receive(now, browser.at, &bytes, &mut out);
+        }
+        assert!(viewers.count() >= 1);
+        assert!(out.words.iter().filter(|(c, _)| *c == 2).count() == 2);
+    }
+
+    #[test]
+    fn no_more_watch_than_there_are_places_and_nobody_who_does_not_answer_keeps_his() {
+        str0m::crypto::from_feature_flags().install_process_default();
+        let (now, mut out, mut viewers) = (clock::instant(), Kept::default(), Viewers::default());
+        let most = MOST as Caller;
+        for caller in 0..=most {
+            let ids = [caller as u8; 16];
+            viewers.begin(
+                now,
+                (caller, "c"),
+                &stream(),
+                address(CAMERA),
+                ids,
+                &mut out,
+            );
+        }
+        assert_eq!(viewers.count(), MOST);
+        let (caller, words) = out.words.last().unwrap();
+        assert!(
+            *caller == most && words.contains("too many watch"),
+            "{words}"
+        );
+        viewers.pass(now + PATIENCE + Duration::from_secs(1), &mut out);
+        assert_eq!(viewers.count(), 0);
+    }
+
+    #[test]
+    fn an_answer_that_is_none_changes_nothing() {
+        str0m::crypto::from_feature_flags().install_process_default();
+        let (now, mut out, mut viewers) = (clock::instant(), Kept::default(), Viewers::default());
+        viewers.begin(now, (1, "c"), &stream(), address(CAMERA), [1; 16], &mut out);
+        let session = signalling::uuid([1; 16]);
+        for sdp in [String::new(), "v=0".to_owned(), "a".repeat(LONGEST + 1)] {
+            let session = session.clone();
+            viewers.said(now, 1, &Said::Answer { session, sdp }, &mut out);
+        }
+        let candidate = "candidate:nonsense".to_owned();
+        viewers.said(now, 1, &Said::Candidate { session, candidate }, &mut out);
+        assert_eq!((viewers.count(), out.words.len()), (1, 2));
+    }
+}
