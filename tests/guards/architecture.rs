@@ -268,6 +268,44 @@ fn every_place_named_in_where_is_it_exists() {
     assert!(seen > 8, "{seen} places");
 }
 
+/// Longer than this a file holds more than one idea, or says in ARCHITECTURE.md why not.
+const LONG: usize = 600;
+
+#[test]
+fn long_files_are_defended_and_the_defended_are_long() {
+    let page = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
+    let (_, section) = page.split_once("## Long files").unwrap();
+    let section = section.split("\n## ").next().unwrap();
+    let defended: Vec<&str> = section
+        .lines()
+        .filter_map(|l| l.strip_prefix("| `")?.split('`').next())
+        .collect();
+    let mut long = Vec::new();
+    for folder in [
+        "bridge",
+        "control",
+        "estimator",
+        "mavlink-dialect",
+        "msp",
+        "planner",
+        "sim",
+        "tests",
+        "vehicle",
+    ] {
+        for (path, text) in sources(folder) {
+            if text.lines().count() > LONG {
+                let (_, name) = path.split_once("/../").unwrap();
+                long.push(name.to_owned());
+            }
+        }
+    }
+    long.sort();
+    assert_eq!(
+        long, defended,
+        "files of more than {LONG} lines, and those that ARCHITECTURE.md defends"
+    );
+}
+
 #[test]
 fn every_place_named_in_the_page_of_the_theses_exists() {
     let text = std::fs::read_to_string(root().join("docs/theses.md")).unwrap();

@@ -7,7 +7,9 @@
 //! After each `handle`, poll until `None`.
 
 mod controller;
+mod facts;
 mod requests;
+mod sensing;
 #[cfg(test)]
 mod tests;
 
@@ -17,7 +19,7 @@ use super::beat::Beat;
 use super::bench_work::BenchWork;
 use super::door::{Answer, Event, FcStatus, Notice, Snapshot};
 use super::endurance::Endurance;
-use super::failsafes::{FC_SILENT_S, Facts, TABLE};
+use super::failsafes::{FC_SILENT_S, TABLE};
 use super::handover::Handover;
 use super::health;
 use super::io::{FcBytes, Input, Output};
@@ -25,16 +27,14 @@ use super::latency::Histogram;
 use super::mode::{Because, Mode};
 use super::modes::{Air, Cockpit};
 use super::supervisor::{Supervisor, Verdict};
-use super::watch::{Look, Watch};
+use super::watch::Watch;
 use crate::fc::convert::Convert;
 use crate::fc::{poll, stock_curves};
-use crate::sensor::Sample;
-use crate::sensor::ring::{Measured, Ring};
+use crate::sensor::ring::Ring;
 use crate::settings::Settings;
 use arrayvec::ArrayVec;
 use control::{ControlOutput, ControlParams, Controller, Phase};
 use core::time::Duration;
-use estimator::kalman::Aid;
 use estimator::{Estimator, SearchRequest};
 use msp::client::Client;
 use msp::firmware::Firmware;
@@ -44,8 +44,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle::{
-    Airframe, DownRange, FloorPlan, FlowSample, GnssFix, In, MapAnchor, MapPose, NavState, Ned,
-    RingConfig, Setpoint, Sticks, Timestamp,
+    Airframe, FloorPlan, In, MapAnchor, MapPose, NavState, Ned, RingConfig, Setpoint, Sticks,
+    Timestamp,
 };
 
 /// Longer between two inputs and we were held up ourselves.
@@ -517,79 +517,6 @@ impl Flight {
         }
     }
 
-    fn keep_watch(&mut self, now: Timestamp, dt_s: f64, nav: &NavState) {
-        let filter = self.estimator.navigation();
-        let refused_s = [Aid::Roll, Aid::Pitch]
-            .map(|aid| filter.refused_s(aid))
-            .into_iter()
-            .fold(0.0, f64::max);
-        let is_online = self.fc.is_connected && self.client.is_online();
-        // What it manages while it is kept busy, and what arrives of it.
-        let line = self.client.statistics();
-        let answers_hz = line.service_rate_hz.min(line.reply_rate_hz);
-        self.watch.look(&Look {
-            now,
-            dt_s,
-            nav,
-            is_flying: self.air == Air::Flying,
-            tilt_refused_s: refused_s,
-            setpoint: self.snapshot.setpoint,
-            goal: self.navigator.goal().map(|goal| goal.position),
-            battery: self.snapshot.battery,
-            fc_rate_hz: is_online.then_some(answers_hz),
-            beats: (
-                self.snapshot.flight_loop.ticks,
-                self.snapshot.flight_loop.missed,
-            ),
-            params: &self.settings.autopilot,
-        });
-    }
-
-    /// What the rows of the table look at.
-    fn facts(
-        &self,
-        now: Timestamp,
-        loop_gap_s: f64,
-        spare_s: Option<f64>,
-        nav: &NavState,
-    ) -> Facts<'_> {
-        let since =
-            |at: Option<Timestamp>| at.map_or(f64::INFINITY, |at| now.since(at).as_secs_f64());
-        let watched = self
-            .watch
-            .facts(now, nav.position, &self.settings.autopilot);
-        Facts {
-            mode: self.arbiter.mode().mode,
-            is_flying: self.air == Air::Flying,
-            is_armed: self.arming.is_armed(),
-            has_attitude_and_height: nav.health.attitude && nav.health.height,
-            not_localized_s: since(self.localized_at),
-            search_s: self.arbiter.search_s(),
-            rangers_silent_s: since(self.ring.horizontal_at()),
-            ground_silent_s: self.ground_heard.map(|at| now.since(at).as_secs_f64()),
-            offboard_silent_s: self.arbiter.offboard_silent_s(now),
-            manual_silent_s: self.arbiter.manual_silent_s(now),
-            battery: self.snapshot.battery.and_then(|b| b.remaining),
-            spare_s,
-            fc_silent_s: self.fc_silent_s(now),
-            loop_gap_s,
-            ..watched
-        }
-    }
-
-    /// Time the battery lasts beyond the way home and the landing, s.
-    fn spare_s(&mut self, nav: &NavState) -> Option<f64> {
-        if let Some(battery) = &self.snapshot.battery {
-            self.endurance.sample(battery, self.air == Air::Flying);
-        }
-        let left_s = self.endurance.left_s(&self.settings.autopilot);
-        let way_m = self.navigator.way_home_m(nav);
-        (self.snapshot.endurance_s, self.snapshot.way_home_m) = (left_s, way_m);
-        let cruise_mps = self.settings.planner.cruise_mps;
-        let home_s = Endurance::home_s(way_m?, nav.height_m, cruise_mps, &self.settings.autopilot);
-        Some(left_s? - home_s)
-    }
-
     /// Leaves the floor or stops the motors as the arbiter ordered.
     fn follow(&mut self, now: Timestamp, nav: &NavState, order: &Order) {
         if order.disarm && self.handover.has_radio() {
@@ -624,79 +551,6 @@ impl Flight {
         self.emit(Output::Event(Event::Landed(
             self.arbiter.landed_state(self.air),
         )));
-    }
-
-    // ---- sensors of the companion computer ---------------------------------------------------------------------
-
-    fn range(&mut self, reading: &vehicle::RangerReading) {
-        if self.ring.looks_around(reading) {
-            self.watch.ranger(reading, self.estimator.state().position);
-        }
-        let mut measured = ArrayVec::<Measured, 2>::new();
-        self.ring.read(reading, |m| {
-            let _ = measured.try_push(m);
-        });
-        for m in measured {
-            match m {
-                Measured::Scan(scan) => {
-                    self.estimator.scan(&scan);
-                    self.navigator.observe(&scan, self.estimator.state());
-                }
-                Measured::Down(sample) => self.down_range(&sample),
-            }
-        }
-    }
-
-    fn down_range(&mut self, sample: &DownRange) {
-        self.estimator.down_range(sample);
-        self.snapshot.down_range = Some(*sample);
-    }
-
-    fn gnss(&mut self, fix: &GnssFix) {
-        if self.settings.autopilot.gnss {
-            self.estimator.gnss(fix);
-        }
-        self.snapshot.gnss = Some(*fix);
-    }
-
-    /// A sample that came over a link.
-    fn sensed(&mut self, sample: &Sample) {
-        match sample {
-            Sample::Ranger(reading) => self.range(reading),
-            Sample::DownRange(range) => self.down_range(range),
-            Sample::Flow(flow) => self.flow(flow),
-            Sample::Gnss(fix) => self.gnss(fix),
-            Sample::Pose(pose) => self.estimator.external_pose(pose),
-        }
-    }
-
-    fn flow(&mut self, sample: &FlowSample) {
-        self.estimator.flow(sample);
-        self.snapshot.flow = Some(*sample);
-    }
-
-    fn notice_localization(&mut self, now: Timestamp, nav: &NavState) {
-        let was_lost = self
-            .localized_at
-            .is_none_or(|at| now.since(at) > Duration::from_millis(500));
-        if nav.localization.reset_counter != self.reset_counter {
-            self.reset_counter = nav.localization.reset_counter;
-            self.controller.reset(nav);
-            self.arbiter.relocalized(was_lost);
-        }
-        if nav.health.position {
-            if self.localized_at.is_none() || was_lost {
-                let place = self.anchor.to_map(nav.position);
-                let notice = Notice::Localized {
-                    x_m: place.x(),
-                    y_m: place.y(),
-                };
-                self.emit(Output::Event(Event::Notice(notice)));
-            }
-            self.localized_at = Some(now);
-        } else if self.snapshot.nav.health.position {
-            self.emit(Output::Event(Event::Notice(Notice::LocalizationLost)));
-        }
     }
 
     // ---- settings ---------------------------------------------------------------------------------------------

@@ -1,45 +1,41 @@
 //! `kestrel fly`: the real thing.
 
-use super::camera::{CameraArgs, CameraSeat};
+mod ground_loop;
+mod uquad;
+
+use super::camera::CameraArgs;
 use super::fc::passthrough::open_door;
-use super::session::end_log;
 use super::sim::{AirframeArg, StartArg, parse_endpoints};
 use super::stop::Stop;
 use super::term::Terminal;
 use super::{Usage, load_plan, settings};
 use anyhow::{Context as _, Result, anyhow};
-use bridge::autopilot::door::{Asked, Request, RequestId, Severity, Snapshot, Station};
+use bridge::autopilot::door::Severity;
 use bridge::autopilot::flight::{Flight, FlightConfig, Start};
-use bridge::autopilot::ground::{Ground, GroundConfig, GroundOutput};
+use bridge::autopilot::ground::{Ground, GroundConfig};
 use bridge::gcs::{DOCUMENTS, Document};
 use bridge::io::bench_line::BenchLine;
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
-use bridge::io::flight_thread::{self, Borrower, FlightHandle, News};
-use bridge::io::host::HostWatch;
+use bridge::io::flight_thread::{self, Borrower};
 use bridge::io::keep::Keep;
 use bridge::io::lockstep::our_address;
-use bridge::io::logger::{self, DiskFiles, GroundTap, Limits, LogThread, WhenFull};
-use bridge::io::net::{LinkEvent, Links, Wanted};
+use bridge::io::logger::{self, DiskFiles, Limits, WhenFull};
+use bridge::io::net::{Links, Wanted};
 use bridge::io::passthrough::Door;
-use bridge::io::uquad_lockstep::simulated_calibration;
-use bridge::io::uquad_logs::{self, UquadLogs};
-use bridge::io::uquad_thread::{self, ImuSource, Motors};
-use bridge::log::{GroundRecord, Header};
+use bridge::log::Header;
 use bridge::settings::{Origin, Settings};
-use bridge::uquad::flight::{UquadFlight, UquadFlightConfig};
-use bridge::web::{Console, ConsoleConfig, Picture, console};
+use bridge::web::{Console, ConsoleConfig, console};
 use clap::Args;
-use estimator::imu::Calibration;
-use std::collections::BTreeSet;
+use ground_loop::GroundLoop;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
-use vehicle::floor_plan::Cell;
-use vehicle::{Airframe, FloorPlan, MapPose, Pace, Timestamp};
+use uquad::fly_uquad;
+use vehicle::Airframe;
 
 /// Where stations of the local network listen, when no link is named: they find the vehicle and may watch.
 const ANNOUNCE: &str = "udpbroadcast://255.255.255.255:14550";
@@ -334,178 +330,6 @@ impl Kept {
     }
 }
 
-/// Side of the empty plan that uQuad flies over without one, m.
-const FIELD_M: f64 = 40.0;
-
-/// Open floor with home in its middle.
-fn field() -> Result<FloorPlan> {
-    let cells = (FIELD_M / 0.25) as usize;
-    let middle = FIELD_M / 2.0;
-    let mut plan = FloorPlan::from_cells(cells, 0.25, [0.0, 0.0], vec![Cell::Free; cells * cells])?;
-    plan.home = Some(MapPose::new(middle, middle, 0.0));
-    Ok(plan)
-}
-
-/// Where the frames come from.
-fn imu_source(imu: &str) -> Result<ImuSource> {
-    if imu.contains("://") {
-        let endpoint: Endpoint = imu
-            .parse()
-            .map_err(|e: EndpointError| Usage(e.to_string()))?;
-        return Ok(ImuSource::Line(endpoint));
-    }
-    let text = std::fs::read_to_string(imu)
-        .with_context(|| format!("cannot read the recorded frames {imu}"))?;
-    let (frames, refused) = super::eval::uquad_frames(&text);
-    if let Some(first) = refused.first() {
-        super::term::complain(&format!(
-            "{} rows of {imu} are not used, the first: {first}",
-            refused.len()
-        ));
-    }
-    if frames.is_empty() {
-        return Err(anyhow!("{imu} has no usable row of imu_raw (14 columns)"));
-    }
-    Ok(ImuSource::Recording(frames))
-}
-
-fn motors(name: &str) -> Result<Motors> {
-    match name.strip_prefix("i2c://") {
-        Some(path) => Ok(Motors::I2c(PathBuf::from(path))),
-        None if name == "sim" => Ok(Motors::Simulated),
-        None if name == "stdin" => Ok(Motors::Typed),
-        None => Err(Usage(format!(
-            "--motors {name}: write sim, i2c:///dev/i2c-2 or stdin"
-        ))
-        .into()),
-    }
-}
-
-/// uQuad: no flight controller, its own thread.
-fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
-    let Some(imu) = args.imu.clone() else {
-        return Err(Usage(
-            "--airframe uquad needs --imu serial:///dev/... or --imu imu_raw.log".to_owned(),
-        )
-        .into());
-    };
-    let motors = motors(&args.motors)?;
-    let wanted = wanted(&args)?;
-    let plan = Arc::new(match &args.map {
-        Some(path) => load_plan(path)?,
-        None => field()?,
-    });
-    let calibration = match &args.calib {
-        Some(path) => {
-            let text = std::fs::read_to_string(path)
-                .with_context(|| format!("cannot read {}", path.display()))?;
-            Calibration::parse(&text)
-                .with_context(|| format!("cannot use the calibration {}", path.display()))?
-        }
-        None => simulated_calibration(),
-    };
-    // No ring of range finders speaks here yet: there is no position source.
-    if args.uquad.states().is_none() {
-        args.uquad.without_place();
-    }
-    if args.uquad.has_place() {
-        return Err(Usage(
-            "--states 12 needs a position source, and range finder drivers are not built yet"
-                .to_owned(),
-        )
-        .into());
-    }
-    let law = args.uquad.law()?;
-    let mut uquad = args.uquad.config(&law)?;
-    uquad.imu.calibration_frames = args.calibration_frames;
-    let source = imu_source(&imu)?;
-    let Kept {
-        keep,
-        settings,
-        documents,
-        ..
-    } = Kept::open(&args)?;
-    let start = match args.start {
-        Some(StartArg::At(pose)) => Start::Known(pose),
-        Some(StartArg::Unknown) => Start::Unknown,
-        None => Start::Known(plan.home.unwrap_or_default()),
-    };
-    let clock = Clock::start(1.0);
-    let boot_utc_us = clock::utc_us();
-    let mut ground = Ground::new(GroundConfig {
-        us: our_address(&settings),
-        settings: settings.clone(),
-        anchor: plan.anchor(),
-        plan: Arc::clone(&plan),
-        airframe: bridge::uquad::flight::airframe(&uquad.filter.craft),
-        boot_utc_us,
-        documents,
-    });
-    let logs = match &args.log_dir {
-        Some(folder) => {
-            let program = concat!("Kestrel ", env!("CARGO_PKG_VERSION"));
-            let head = uquad_logs::head(program, &imu, &calibration, &uquad);
-            let opened = UquadLogs::open(folder, &head)
-                .with_context(|| format!("cannot write the logs in {}", folder.display()))?;
-            Some(opened)
-        }
-        None => None,
-    };
-    let flight = UquadFlight::new(
-        clock.now(),
-        UquadFlightConfig {
-            plan,
-            ring: None,
-            start,
-            settings,
-            seed: boot_utc_us,
-            calibration,
-            uquad,
-            weights: law.weights(),
-            list: args.uquad.list()?,
-        },
-    )
-    .map_err(|e| Usage(e.to_string()))?;
-    ground.snapshot(clock.now(), flight.snapshot());
-    ground.set_policies(wanted.iter().map(|w| w.policy.clone()).collect());
-    let links = Links::open(&wanted).map_err(|e| anyhow!(e))?;
-    links.route_for(&mut ground);
-    let (handle, thread) = uquad_thread::start(flight, source, &motors, logs, clock)?;
-    let mut terminal = Terminal::new(args.quiet);
-    terminal.line(&format!(
-        "Kestrel {}: uQuad, inertial unit {imu}, motors {}",
-        env!("CARGO_PKG_VERSION"),
-        args.motors
-    ));
-    for link in &links.described {
-        terminal.line(&format!("  MAVLink {link}"));
-    }
-    terminal.line("  No position source: height, heading and tilt are held, the place is not.");
-    let ended = GroundLoop {
-        ground,
-        handle,
-        links,
-        console: None,
-        camera: None,
-        keep,
-        log: None,
-        tap: None,
-        texts_logged: 0,
-        terminal,
-        clock,
-        stop,
-        unanswered: format!("no frame comes from the inertial unit {imu}: check the baud rate"),
-        told: None,
-        sensors_told: None,
-        shows_status: !args.headless,
-        waits: args.wait,
-    }
-    .run();
-    // The last rows of its logs.
-    let _ = thread.join();
-    ended
-}
-
 /// The thread of `--passthrough`: borrows the line for each client. What it has to tell comes out of the channel.
 fn lend(door: Door, borrower: Borrower, fc: Endpoint, stop: Stop) -> Result<Receiver<String>> {
     let (tell, told) = sync_channel(64);
@@ -568,277 +392,4 @@ pub(crate) fn state_folder() -> Option<PathBuf> {
     folder("XDG_STATE_HOME")
         .or_else(|| folder("HOME").map(|home| home.join(".local/state")))
         .map(|base| base.join("kestrel"))
-}
-
-/// `Ground` and its links, on the main thread.
-struct GroundLoop {
-    ground: Ground,
-    handle: FlightHandle,
-    links: Links,
-    console: Option<Console>,
-    camera: Option<CameraSeat>,
-    keep: Keep,
-    log: Option<LogThread>,
-    tap: Option<GroundTap>,
-    texts_logged: u64,
-    terminal: Terminal,
-    clock: Clock,
-    stop: Stop,
-    /// What to say when nothing is heard.
-    unanswered: String,
-    /// What the thread of `--passthrough` tells.
-    told: Option<Receiver<String>>,
-    /// What the threads of sensors tell.
-    sensors_told: Option<Receiver<String>>,
-    shows_status: bool,
-    /// A controller that has never answered is waited for.
-    waits: bool,
-}
-
-impl GroundLoop {
-    fn run(mut self) -> Result<ExitCode> {
-        let mut snapshot = Snapshot::default();
-        let mut known = BTreeSet::new();
-        let mut status = Pace::hz(2.0);
-        let mut texts_shown = Timestamp::ZERO;
-        let mut seen_tick = 0;
-        // Open, and whether it answers is not known yet.
-        let mut is_open = false;
-        let mut was_connected = false;
-        let mut opened_at = Timestamp::ZERO;
-        let mut stopping_since: Option<Timestamp> = None;
-        let pulse = self.handle.pulse();
-        if let Err(e) = bridge::io::watchdog::start(Arc::clone(&pulse)) {
-            self.terminal
-                .line(&format!("  systemd's watchdog cannot be told: {e}"));
-        }
-        let mut host_watch = HostWatch::default();
-        let mut host_pace = Pace::hz(1.0);
-        // Made at first use, which would hold up the first station that asks.
-        std::thread::spawn(bridge::gcs::metadata::general_crc);
-        loop {
-            pulse.ground();
-            let mut event = self.links.wait(LOOK);
-            for _ in 0..256 {
-                let Some(e) = event.take() else { break };
-                let now = self.clock.now();
-                match e {
-                    LinkEvent::Up(link) => {
-                        known.insert(link);
-                        self.ground.link_up(now, link);
-                    }
-                    LinkEvent::Down(link) => {
-                        known.remove(&link);
-                        self.ground.link_down(link);
-                    }
-                    LinkEvent::Bytes {
-                        link,
-                        bytes,
-                        is_datagram,
-                    } => {
-                        self.ground.receive(now, link, &bytes, is_datagram);
-                        self.record(|| GroundRecord::Received {
-                            at: now,
-                            link,
-                            bytes: bytes.to_vec(),
-                            is_datagram,
-                        });
-                    }
-                }
-                self.carry_out();
-                event = self.links.poll();
-            }
-            let now = self.clock.now();
-            while let Some(news) = self.handle.poll() {
-                match news {
-                    News::Answer(answer) => self.ground.answer(now, &answer),
-                    News::Event(event) => self.ground.event(now, &event),
-                    News::Realtime(granted) => self.terminal.line(&format!("  {granted}")),
-                    // Whoever mistyped a device wants to know it now; one that was there comes back.
-                    News::LineAbsent(why) if !was_connected && !self.waits => {
-                        self.terminal.finish();
-                        return Err(anyhow!("{why} (--wait waits for it)"));
-                    }
-                    News::LineAbsent(why) => self
-                        .terminal
-                        .line(&format!("  {why}; trying again until it is there")),
-                    News::RecordingOver => {
-                        self.terminal.line("  the recording is over");
-                        self.terminal.finish();
-                        return Ok(ExitCode::SUCCESS);
-                    }
-                    News::LineOpened => {
-                        is_open = true;
-                        opened_at = now;
-                    }
-                }
-                self.carry_out();
-            }
-            while let Some(line) = self.camera.as_ref().and_then(CameraSeat::poll_told) {
-                self.terminal.line(&format!("  {line}"));
-            }
-            while let Some(text) = self.told.as_ref().and_then(|told| told.try_recv().ok()) {
-                self.terminal.line(&format!("  {text}"));
-            }
-            while let Some(text) = self
-                .sensors_told
-                .as_ref()
-                .and_then(|told| told.try_recv().ok())
-            {
-                self.terminal.line(&format!("  {text}"));
-                self.ground.say(now, Severity::Notice, text);
-            }
-            self.handle.read_snapshot(&mut snapshot);
-            if snapshot.flight_loop.ticks != seen_tick {
-                seen_tick = snapshot.flight_loop.ticks;
-                self.ground.snapshot(now, &snapshot);
-                self.record(|| GroundRecord::Snapshot(Box::new(snapshot.clone())));
-            }
-            if host_pace.is_due(now) {
-                let disk_fails = self.log.as_ref().is_some_and(LogThread::is_failing);
-                let dropped = self.ground.counters().dropped_answers;
-                self.handle.tell_host(host_watch.look(disk_fails, dropped));
-            }
-            if self.ground.deadline() <= now {
-                self.ground.tick(now);
-            }
-            self.carry_out();
-            self.terminal.texts(&self.ground, &mut texts_shown);
-            self.show(&snapshot, known.len());
-            if self.shows_status && status.is_due(now) {
-                self.terminal.status(&snapshot, known.len());
-            }
-            if snapshot.fc.is_connected {
-                (is_open, was_connected) = (false, true);
-            } else if is_open && now.since(opened_at) > FIRST_ANSWER {
-                is_open = false;
-                let why = &self.unanswered;
-                if !was_connected && !self.waits {
-                    self.terminal.finish();
-                    return Err(anyhow!("{why} (--wait asks on)"));
-                }
-                self.terminal.line(&format!("  {why}; asking on"));
-            }
-            match (self.stop.count(), stopping_since) {
-                (0, _) => {}
-                (1, None) => {
-                    stopping_since = Some(now);
-                    self.terminal
-                        .line("  Stopping: landing first (Ctrl-C again stops the motors at once)");
-                    let asked = Asked {
-                        id: RequestId(0),
-                        station: Station::default(),
-                        request: Request::ShutDown,
-                    };
-                    let _ = self.handle.ask(asked);
-                }
-                (1, Some(since)) => {
-                    let is_down =
-                        !snapshot.is_armed && now.since(since) > Duration::from_millis(200);
-                    if is_down || now.since(since) > LANDING {
-                        break;
-                    }
-                }
-                _ => {
-                    self.cut_motors(&mut snapshot);
-                    break;
-                }
-            }
-        }
-        if let Some(log) = self.log.take() {
-            end_log(log, &mut self.terminal);
-        }
-        self.terminal.finish();
-        Ok(ExitCode::SUCCESS)
-    }
-
-    /// Whoever asks twice wants it still, wherever it is.
-    fn cut_motors(&mut self, snapshot: &mut Snapshot) {
-        let asked = Asked {
-            id: RequestId(0),
-            station: Station::default(),
-            request: Request::Disarm { force: true },
-        };
-        let _ = self.handle.ask(asked);
-        let until = self.clock.now() + CUT;
-        while snapshot.is_armed && self.clock.now() < until {
-            clock::sleep(LOOK);
-            self.handle.read_snapshot(snapshot);
-        }
-        self.terminal.line(if snapshot.is_armed {
-            "  The motors could not be stopped: the flight controller's own failsafe decides"
-        } else {
-            "  Motors stopped"
-        });
-        // The frame that says so must reach the controller before its line is closed.
-        clock::sleep(CUT);
-    }
-
-    /// Shows the vehicle to the console's pages.
-    fn show(&mut self, snapshot: &Snapshot, links: usize) {
-        let Some(console) = &mut self.console else {
-            return;
-        };
-        while let Some(line) = console.poll_told() {
-            self.terminal.line(&format!("  {line}"));
-        }
-        if console.wants_picture() {
-            let mut picture = Picture {
-                snapshot: snapshot.clone(),
-                control: self.ground.control(),
-                links: links as u32,
-                dropped: self.links.dropped(),
-                ..Picture::default()
-            };
-            self.handle.read_insight(&mut picture.insight);
-            console.show(picture);
-        }
-    }
-
-    fn carry_out(&mut self) {
-        while let Some(output) = self.ground.poll() {
-            match output {
-                GroundOutput::Send { link, bytes } => {
-                    let at = self.clock.now();
-                    self.record(|| GroundRecord::Sent {
-                        at,
-                        link,
-                        frame: bytes.clone(),
-                    });
-                    self.links.send(link, bytes);
-                }
-                GroundOutput::Request(asked) => {
-                    if !self.handle.ask(asked) {
-                        self.terminal
-                            .line("  the flight thread is behind: a request was dropped");
-                    }
-                }
-                GroundOutput::Disk(ticket, job) => {
-                    let reply = self.keep.carry_out(&job);
-                    self.ground.disk(self.clock.now(), ticket, &reply);
-                }
-                GroundOutput::Keep(document) => {
-                    self.links.note(&document);
-                    if let Err(e) = self.keep.write(&document) {
-                        self.terminal
-                            .line(&format!("  cannot keep {}: {e}", document.name));
-                    }
-                }
-            }
-        }
-        let Some(tap) = &mut self.tap else { return };
-        for told in self.ground.texts_since(&mut self.texts_logged) {
-            tap.put(GroundRecord::Text {
-                at: told.at,
-                severity: told.severity,
-                text: told.text.clone(),
-            });
-        }
-    }
-
-    fn record(&mut self, record: impl FnOnce() -> GroundRecord) {
-        if let Some(tap) = &mut self.tap {
-            tap.put(record());
-        }
-    }
 }

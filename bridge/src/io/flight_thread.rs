@@ -7,6 +7,11 @@
 //! The order of a round is what counts for the age of a command: bytes are read and stamped, the tick runs, the RC frame
 //! is written, and only then anything else happens.
 
+mod keeping;
+mod lending;
+
+pub use lending::Borrower;
+
 use super::clock::Clock;
 use super::endpoint::Endpoint;
 use super::line::{Line, LineError};
@@ -18,10 +23,11 @@ use crate::autopilot::door::{Answer, Asked, Event, HostReport, Snapshot};
 use crate::autopilot::flight::Flight;
 use crate::autopilot::insight::Insight;
 use crate::autopilot::io::{FcBytes, Input, Output};
-use crate::autopilot::keeper::Keeper;
 use crate::autopilot::latency::Histogram;
 use crate::log::{Emitted, FlightRecord, Part};
 use crate::sensor::Sample;
+use keeping::{Kept, keeper_thread};
+use lending::{Lender, lending};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
@@ -104,56 +110,6 @@ impl Inlet {
     pub fn is_closed(&self) -> bool {
         self.alive.strong_count() == 0
     }
-}
-
-/// Who may have the line for a while: a configurator.
-#[derive(Debug)]
-pub struct Borrower {
-    want: SyncSender<()>,
-    given: Receiver<Option<Line>>,
-    back: SyncSender<Option<Line>>,
-    wake: Arc<OwnedFd>,
-}
-
-impl Borrower {
-    /// The line; none while the controller is armed or absent. Until it is given back `Flight` has no controller.
-    #[must_use]
-    pub fn borrow(&self) -> Option<Line> {
-        self.want.send(()).ok()?;
-        wake_up(&self.wake);
-        self.given.recv().ok().flatten()
-    }
-
-    /// Gives it back; none if it was lost, then it is opened again.
-    pub fn give_back(&self, line: Option<Line>) {
-        let _ = self.back.send(line);
-        wake_up(&self.wake);
-    }
-}
-
-/// The flight thread's end of [`Borrower`].
-struct Lender {
-    wanted: Receiver<()>,
-    give: SyncSender<Option<Line>>,
-    back: Receiver<Option<Line>>,
-}
-
-fn lending(wake: &Arc<OwnedFd>) -> (Lender, Borrower) {
-    let (want, wanted) = sync_channel(1);
-    let (give, given) = sync_channel(1);
-    let (back, comes_back) = sync_channel(1);
-    let lender = Lender {
-        wanted,
-        give,
-        back: comes_back,
-    };
-    let borrower = Borrower {
-        want,
-        given,
-        back,
-        wake: Arc::clone(wake),
-    };
-    (lender, borrower)
 }
 
 impl FlightHandle {
@@ -388,69 +344,6 @@ fn line_thread(
             }
         })?;
     Ok((want, lines))
-}
-
-/// What flight thread and keeper share. The keeper holds the lock for a write that never blocks, the flight thread for a copy.
-struct Kept {
-    shared: Mutex<(Keeper, Option<OwnedFd>)>,
-    wake: OwnedFd,
-}
-
-impl Kept {
-    fn new() -> rustix::io::Result<Self> {
-        Ok(Self {
-            shared: Mutex::new((Keeper::default(), None)),
-            wake: eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?,
-        })
-    }
-
-    fn set_line(&self, line: Option<OwnedFd>) {
-        if let Ok(mut shared) = self.shared.lock() {
-            *shared = (Keeper::default(), line);
-        }
-    }
-
-    fn refresh(&self, now: Timestamp, standby: Option<&FcBytes>) {
-        if let Ok(mut shared) = self.shared.try_lock() {
-            let was_idle = shared.0.deadline().is_none();
-            shared.0.refresh(now, standby);
-            // It sleeps until its deadline, which only moves away; only from no deadline at all must it be woken.
-            if was_idle && standby.is_some() {
-                wake_up(&self.wake);
-            }
-        }
-    }
-}
-
-/// Stands in while the flight thread is held up: see [`Keeper`].
-fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
-    let mut timer = AbsoluteTimer::new()?;
-    thread::Builder::new()
-        .name("keeper".to_owned())
-        .spawn(move || {
-            let _ = Realtime::enter();
-            // The flight thread holds the other end for as long as it lives; a program that ends takes this thread with it.
-            loop {
-                let deadline = match kept.shared.lock() {
-                    Ok(mut shared) => {
-                        let (keeper, line) = &mut *shared;
-                        if let (Some(frame), Some(line)) = (keeper.poll(clock.now()), line) {
-                            let _ = rustix::io::write(line, frame);
-                        }
-                        keeper.deadline()
-                    }
-                    Err(_) => return,
-                };
-                if let Some(at) = deadline {
-                    timer.set(&clock, at);
-                }
-                let mut fds = [PollFd::new(&kept.wake, PollFlags::IN), timer.poll_fd()];
-                let _ = poll(&mut fds, None);
-                let _ = rustix::io::read(&kept.wake, &mut [0u8; 8]);
-                timer.quiet();
-            }
-        })?;
-    Ok(())
 }
 
 /// A look into the flight's thoughts, taken only when somebody wants it.

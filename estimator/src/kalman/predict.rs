@@ -133,10 +133,8 @@ impl Filter {
     /// spread like a speed.
     #[must_use]
     pub fn is_elsewhere(&self, at: Timestamp) -> bool {
-        self.last_imu.is_some_and(|imu| {
-            let ahead_s = at.seconds_since(imu.at);
-            ahead_s > GAP_S || ahead_s < -LATE_S
-        })
+        self.last_imu
+            .is_some_and(|imu| !(-LATE_S..=GAP_S).contains(&at.seconds_since(imu.at)))
     }
 
     /// Without inertial samples: constant velocity and attitude, with honest growth of doubt.

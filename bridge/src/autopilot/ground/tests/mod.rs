@@ -12,7 +12,7 @@ use crate::autopilot::door::{Notice, Outcome, Refusal, RequestId, Station};
 use crate::autopilot::mode::{Because, Mode, ModeState};
 use crate::gcs::telemetry::CAPABILITIES;
 use mavlink_dialect::standard::{self, MavMessage as Std};
-use mavlink_dialect::{Frame, MessageData, raw};
+use mavlink_dialect::{Decoder, Encoder, Frame, MessageData, raw};
 use raw::MavMessage as Raw;
 use std::collections::BTreeMap;
 use vehicle::floor_plan::Cell;
