@@ -1,10 +1,14 @@
 """Rows 2b and 7 over real sockets: roles, a peer on another address, exclusive control, STOP, a component behind Kestrel, a full
 radio, announcement by broadcast."""
 
+import http.client
+import json
 import re
 import socket
 import subprocess
+import tempfile
 import time
+from pathlib import Path
 
 from kestrel_harness import Kestrel, binary, free_port
 from station import Station, Timeout, mav, mavutil
@@ -242,3 +246,32 @@ def test_it_is_announced_by_broadcast_until_a_station_answers():
     listener.close()
     assert 30 in seen and len(seen) > 10, seen
     return f"{len(seen)} kinds of message after the answer"
+
+
+def test_log_ins_leave_no_memory_behind():
+    """A password's work takes 19 MB for a moment, whichever thread does it; twelve log-ins cost nothing that stays."""
+    state, port, password = tempfile.mkdtemp(prefix="kestrel-users-"), free_port(socket.SOCK_STREAM), "twelve times in a row"
+    command = [binary(), "passwd", "ana", "--role", "viewer", "--state-dir", state]
+    subprocess.run(command, input=password + "\n", text=True, check=True, stdout=subprocess.DEVNULL)
+
+    def log_in():
+        conn = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        body = json.dumps({"user": "ana", "password": password})
+        conn.request("POST", "/api/login", body, {"Origin": f"http://127.0.0.1:{port}", "Content-Type": "application/json"})
+        status = conn.getresponse().status
+        conn.close()
+        assert status == 200, status
+
+    def resident_mb(pid):
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        return int(next(line for line in lines if line.startswith("VmRSS")).split()[1]) / 1024
+
+    with Kestrel(seed=76, speed=1, state_dir=state, extra=["--console", f"127.0.0.1:{port}"], name="log-ins") as kestrel:
+        kestrel.station()
+        log_in()
+        before = resident_mb(kestrel.process.pid)
+        for _ in range(12):
+            log_in()
+        after = resident_mb(kestrel.process.pid)
+    assert after - before < 10.0, f"{before:.1f} -> {after:.1f} MB"
+    return f"{before:.1f} -> {after:.1f} MB after twelve log-ins"
