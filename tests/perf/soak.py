@@ -29,6 +29,8 @@ from pathlib import Path
 from system import ROOT, free_port, usage
 
 WARM_UP_S, ROUND_S, LOOK_S = 600.0, 360.0, 10.0
+# The index of a log's part waits in memory for the part's end, about 3 MB an hour. Parts of two minutes instead of forty: many ends are seen.
+PART_MB = 5
 MOST_MB_H = 1.0
 USER, PASSWORD = "soak", "half an hour of everything"
 
@@ -152,7 +154,7 @@ def main():
     command = [binary, "fly", "--fc", f"tcpclient://127.0.0.1:{fc}", "--map", folder / "plan.yaml", *sensors, "--headless"]
     state = folder / "state"
     subprocess.run([binary, "passwd", USER, "--role", "engineer", "--state-dir", state], input=PASSWORD + "\n", text=True, check=True, stdout=subprocess.DEVNULL)
-    command += ["--state-dir", state, "--console", f"127.0.0.1:{web}"]
+    command += ["--state-dir", state, "--console", f"127.0.0.1:{web}", "--param", f"LOG_PART_MB={PART_MB}"]
     for link in (f"udpserver://127.0.0.1:{udp}", f"tcpserver://127.0.0.1:{tcp}", f"serial://{os.ttyname(slave)}?baudrate=57600"):
         command += ["--mavlink", link]
     with open(folder / "fly.log", "w") as log:
