@@ -14,6 +14,9 @@ case $(od -An -tu2 -j18 -N2 "$binary" | tr -d ' ') in
 40) architecture=armhf ;;
 *) echo "$binary is for a machine this script does not know"; exit 1 ;;
 esac
+# Packed relocations (bridge/build.rs) are read by glibc from 2.36 on; a static binary brings its own.
+libc=libc6
+if [ $architecture = amd64 ] && ldd "$binary" >/dev/null 2>&1; then libc="libc6 (>= 2.36)"; fi
 root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
 chmod 755 "$root"
@@ -33,7 +36,7 @@ Section: misc
 Priority: optional
 Architecture: $architecture
 Maintainer: Kestrel <kestrel@localhost>
-Depends: libc6
+Depends: $libc
 Recommends: systemd
 Description: autopilot bridge for indoor quadcopters
  MSP flight controller on one side, MAVLink ground stations on the other, localization on a floor plan and obstacle avoidance

@@ -137,3 +137,19 @@ def test_the_second_ctrl_c_stops_the_motors():
     assert "Stopping: landing first" in said and "Motors stopped" in said, said
     assert took < 2.0, f"{took:.1f} s"
     return f"over after {took:.2f} s"
+
+
+def test_the_arm_binary_flies_the_demo_to_the_same_bit():
+    """The static binary for 64-bit ARM under qemu: what it prints and draws of `demo` is what this machine's prints and draws."""
+    qemu = shutil.which("qemu-aarch64") or shutil.which("qemu-aarch64-static")
+    built = sorted((PACKAGING.parent / "target" / "aarch64-unknown-linux-gnu").glob("*/kestrel"), key=lambda p: p.stat().st_mtime)
+    if not (qemu and built):
+        raise Skipped("packaging/release.sh arm64 has not been run, or there is no qemu-aarch64 (apt-get install qemu-user)")
+    seen = []
+    for command in ([kestrel_harness.binary()], [qemu, str(built[-1])]):
+        folder = Path(tempfile.mkdtemp(prefix="demo-", dir=out_folder()))
+        done = subprocess.run([*command, "demo", "--seed", "2"], cwd=folder, capture_output=True, text=True, timeout=240)
+        assert done.returncode == 0, done.stdout + done.stderr
+        seen.append((done.stdout, (folder / "flight.svg").read_bytes()))
+    assert seen[0] == seen[1], "they fly differently"
+    return f"{built[-1].parent.name}: the same to the bit, {len(seen[0][1])} bytes of picture"
