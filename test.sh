@@ -122,7 +122,7 @@ if [ $quick -eq 0 ]; then
     fi
     if [ -n "$chromium" ] && command -v npm >/dev/null && [ ! -e target/browser/node_modules/playwright-core ]; then
         echo "installing playwright-core (npm, no browser of its own) in target/browser"
-        mkdir -p target/browser && npm install --silent --no-audit --no-fund --prefix target/browser playwright-core@1.65.1 >/dev/null 2>&1
+        mkdir -p target/browser && npm install --silent --no-audit --no-fund --prefix target/browser playwright-core@1.60.0 >/dev/null 2>&1
     fi
     if [ -n "$chromium" ] && [ -e target/browser/node_modules/playwright-core ]; then
         browser_log="$log_dir/browser.log"

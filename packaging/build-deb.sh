@@ -14,9 +14,9 @@ case $(od -An -tu2 -j18 -N2 "$binary" | tr -d ' ') in
 40) architecture=armhf ;;
 *) echo "$binary is for a machine this script does not know"; exit 1 ;;
 esac
-# Packed relocations (bridge/build.rs) are read by glibc from 2.36 on; a static binary brings its own.
+# Packed relocations (bridge/build.rs) are read by glibc from 2.36 on.
 libc=libc6
-if [ $architecture = amd64 ] && ldd "$binary" >/dev/null 2>&1; then libc="libc6 (>= 2.36)"; fi
+if readelf -V "$binary" 2>/dev/null | grep -q GLIBC_ABI_DT_RELR; then libc="libc6 (>= 2.36)"; fi
 root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
 chmod 755 "$root"

@@ -510,8 +510,7 @@ fn ours(hz: u64, seconds: u64) -> Samples {
     while next_us <= seconds * 1_000_000 {
         let at = Timestamp::from_us(next_us);
         timer.set(&clock, at);
-        let _ = poll(&mut [timer.poll_fd()], None);
-        timer.quiet();
+        timer.wait_alone();
         let now = clock.now();
         h.record(now.since(at));
         next_us = next_us.max(now.us() / period_us * period_us) + period_us;

@@ -1,4 +1,5 @@
-"""Row 1 of the issue on failures, beside the fault campaign: ten faults on the real Betaflight firmware in real time, judged by truth.
+"""Rows 1 and 4 of the issue on failures: ten faults on the real Betaflight firmware in real time, judged by truth, and each of these flights
+flown again from its log, bit for bit.
 
 What a fault is and which row of docs/failsafe.md answers it stands in the table below. One is flown each time, all ten with
 `KESTREL_FULL=1`: seven minutes with the machine to itself.
@@ -6,8 +7,11 @@ What a fault is and which row of docs/failsafe.md answers it stands in the table
 
 import math
 import os
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
+from kestrel_harness import out_folder, run
 from station import mav
 from test_firmware import HEIGHT_M, Firmware, the_firmware, undisturbed
 
@@ -104,7 +108,9 @@ def judge(fault, kestrel):
     assert tumbles or touch <= NUDGE_MPS, f"{figures}\n{kestrel.how_to_repeat()}"
     assert tumbles or (highest < TOO_HIGH_M and fastest < TOO_FAST_MPS), f"{figures}\n{kestrel.how_to_repeat()}"
     assert -samples[-1].z < ON_FLOOR_M, f"{figures}: not down\n{kestrel.how_to_repeat()}"
-    return figures
+    again = run("replay", kestrel.arguments[kestrel.arguments.index("--log") + 1], "--check")
+    assert again.returncode == 0 and "the same, bit for bit" in again.stdout, again.stdout + again.stderr
+    return f"{figures}; its log: {again.stdout.splitlines()[0]}"
 
 
 def test_faults():
@@ -113,7 +119,9 @@ def test_faults():
     figures = []
     with the_firmware() as program:
         for seed, fault in enumerate(chosen, 1):
-            make = lambda: Firmware(program, seed=seed, extra=fault.options, name="fault")  # noqa: B023, E731
+            log = Path(tempfile.mkdtemp(prefix="fault-log-", dir=out_folder())) / "flight.mcap"
+            options = (*fault.options, "--log", log)
+            make = lambda: Firmware(program, seed=seed, extra=options, name="fault")  # noqa: B023, E731
             _, text = undisturbed(make, lambda kestrel: fly(fault, kestrel), lambda kestrel: judge(fault, kestrel))  # noqa: B023
             figures.append(text)
     return f"{len(figures)} of {len(chosen)} good; " + "; ".join(figures)

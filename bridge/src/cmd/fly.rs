@@ -11,7 +11,7 @@ use super::term::Terminal;
 use super::{Usage, load_plan, settings};
 use anyhow::{Context as _, Result, anyhow};
 use bridge::autopilot::door::Severity;
-use bridge::autopilot::flight::{Flight, FlightConfig, Start};
+use bridge::autopilot::flight::{Flight, FlightConfig};
 use bridge::autopilot::ground::{Ground, GroundConfig};
 use bridge::gcs::{DOCUMENTS, Document};
 use bridge::io::bench_line::BenchLine;
@@ -155,11 +155,7 @@ pub(crate) fn run(args: FlyArgs) -> Result<ExitCode> {
         ))
         .into());
     }
-    let start = match args.start {
-        Some(StartArg::At(pose)) => Start::Known(pose),
-        Some(StartArg::Unknown) => Start::Unknown,
-        None => Start::Known(plan.home.unwrap_or_default()),
-    };
+    let start = StartArg::on(args.start, &plan);
 
     let clock = Clock::start(1.0);
     let boot_utc_us = clock::utc_us();

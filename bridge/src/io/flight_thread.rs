@@ -28,7 +28,7 @@ use crate::log::{Emitted, FlightRecord, Part};
 use crate::sensor::Sample;
 use keeping::{Kept, keeper_thread};
 use lending::{Lender, lending};
-use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
+use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::{AsFd as _, OwnedFd};
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -451,24 +451,7 @@ impl Shell {
     /// Sleeps until bytes, a request or the deadline. The timer is absolute: what this round took does not add up.
     fn wait(&mut self) {
         self.timer.set(&self.clock, self.flight.deadline());
-        let waiting = PollFlags::IN;
-        let wake = self.wake.as_fd();
-        let mut fds = [
-            PollFd::from_borrowed_fd(wake, waiting),
-            self.timer.poll_fd(),
-            PollFd::from_borrowed_fd(wake, PollFlags::empty()),
-        ];
-        if let Some(line) = &self.line {
-            fds[2] = PollFd::from_borrowed_fd(line.as_fd(), line.interest());
-        }
-        let _ = poll(&mut fds, None);
-        let [woken, rang, _] = fds.map(|fd| fd.revents().contains(PollFlags::IN));
-        if woken {
-            let _ = rustix::io::read(&*self.wake, &mut [0u8; 8]);
-        }
-        if rang {
-            self.timer.quiet();
-        }
+        self.timer.wait(&self.wake, self.line.as_ref());
     }
 
     fn take_line(&mut self) {

@@ -1,7 +1,8 @@
 //! An absolute timer to wait for in `poll`, together with whatever else may come.
 
 use super::clock::Clock;
-use rustix::event::{PollFd, PollFlags};
+use super::line::Line;
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::{AsFd as _, OwnedFd};
 use rustix::io;
 use rustix::time::{
@@ -44,14 +45,34 @@ impl AbsoluteTimer {
         let _ = timerfd_settime(&self.fd, TimerfdTimerFlags::ABSTIME, &at);
     }
 
-    /// For `poll`: readable once it has rung.
-    #[must_use]
-    pub fn poll_fd(&self) -> PollFd<'_> {
-        PollFd::from_borrowed_fd(self.fd.as_fd(), PollFlags::IN)
+    /// Sleeps until it rings, somebody writes to `wake`, or the line has something to give or to take. The first two are seen to.
+    pub fn wait(&mut self, wake: &OwnedFd, line: Option<&Line>) {
+        let mut fds = [
+            PollFd::new(wake, PollFlags::IN),
+            PollFd::new(&self.fd, PollFlags::IN),
+            PollFd::from_borrowed_fd(wake.as_fd(), PollFlags::empty()),
+        ];
+        if let Some(line) = line {
+            fds[2] = PollFd::from_borrowed_fd(line.as_fd(), line.interest());
+        }
+        let _ = poll(&mut fds, None);
+        let [woken, rang, _] = fds.map(|fd| fd.revents().contains(PollFlags::IN));
+        if woken {
+            let _ = io::read(wake, &mut [0u8; 8]);
+        }
+        if rang {
+            self.quiet();
+        }
+    }
+
+    /// Sleeps until it rings.
+    pub fn wait_alone(&mut self) {
+        let _ = poll(&mut [PollFd::new(&self.fd, PollFlags::IN)], None);
+        self.quiet();
     }
 
     /// Stops the ringing; set it again afterwards.
-    pub fn quiet(&mut self) {
+    fn quiet(&mut self) {
         self.at = None;
         let _ = io::read(&self.fd, &mut [0u8; 8]);
     }

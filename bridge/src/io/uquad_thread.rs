@@ -23,8 +23,8 @@ use embedded_hal::i2c::I2c;
 use estimator::imu::RawFrame;
 use estimator::imu::replay::{Replay, Speed};
 use linux_embedded_hal::I2cdev;
-use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
-use rustix::fd::{AsFd as _, OwnedFd};
+use rustix::event::{EventfdFlags, eventfd};
+use rustix::fd::OwnedFd;
 use sim::EscBus;
 use std::io::{self, BufRead as _, Write as _};
 use std::path::PathBuf;
@@ -348,23 +348,7 @@ impl Shell {
             at = at.min(due);
         }
         self.timer.set(&self.clock, at);
-        let wake = self.wake.as_fd();
-        let mut fds = [
-            PollFd::from_borrowed_fd(wake, PollFlags::IN),
-            self.timer.poll_fd(),
-            PollFd::from_borrowed_fd(wake, PollFlags::empty()),
-        ];
-        if let Some(line) = &self.line {
-            fds[2] = PollFd::from_borrowed_fd(line.as_fd(), line.interest());
-        }
-        let _ = poll(&mut fds, None);
-        let [woken, rang, _] = fds.map(|fd| fd.revents().contains(PollFlags::IN));
-        if woken {
-            let _ = rustix::io::read(&*self.wake, &mut [0u8; 8]);
-        }
-        if rang {
-            self.timer.quiet();
-        }
+        self.timer.wait(&self.wake, self.line.as_ref());
     }
 
     fn handle(&mut self, input: UquadInput) {

@@ -8,9 +8,9 @@
 //! Sent frames are written once, though each link gets its own copy. Signatures are cut off and SETUP_SIGNING is left out: a log
 //! that is handed on must carry no key and nothing to play back.
 
-use crate::gcs::LinkId;
+use crate::gcs::{LinkId, MAX_LINKS};
+use arrayvec::ArrayVec;
 use mavlink_dialect::{Decoder, FrameBytes, crc};
-use std::collections::BTreeMap;
 
 /// Start byte of a v2 frame.
 const STX_V2: u8 = 0xFD;
@@ -26,7 +26,8 @@ const SETUP_SIGNING: u32 = 256;
 /// Makes the bytes of a `.tlog`.
 #[derive(Debug, Default)]
 pub struct TlogEncoder {
-    decoders: BTreeMap<LinkId, Decoder>,
+    /// Of the links that are heard, the one heard last at the end. A link that is gone is forgotten when others need its place.
+    decoders: ArrayVec<(LinkId, Decoder), MAX_LINKS>,
     /// The frame sent last, and on which link: the same on another link is a copy.
     last: Option<(LinkId, FrameBytes)>,
     frames: u64,
@@ -60,12 +61,19 @@ impl TlogEncoder {
         is_datagram: bool,
         out: &mut Vec<u8>,
     ) {
-        let mut decoder = self.decoders.remove(&link).unwrap_or_default();
+        let known = self.decoders.iter().position(|(id, _)| *id == link);
+        let mut decoder = match known {
+            Some(at) => self.decoders.remove(at).1,
+            None => Decoder::default(),
+        };
         decoder.push_views(bytes, |frame| self.write(utc_us, frame.wire, out));
         if is_datagram {
             decoder.end_of_datagram_views(|frame| self.write(utc_us, frame.wire, out));
         }
-        self.decoders.insert(link, decoder);
+        if self.decoders.is_full() {
+            self.decoders.remove(0);
+        }
+        self.decoders.push((link, decoder));
     }
 
     fn write(&mut self, utc_us: u64, frame: &[u8], out: &mut Vec<u8>) {
@@ -162,6 +170,17 @@ mod tests {
             log.sent(at, LinkId(1), &heartbeat(&mut b), &mut out);
         }
         assert_eq!(frames(&out).map(|(t, _)| t).collect::<Vec<_>>(), [1, 2]);
+    }
+
+    #[test]
+    fn however_many_links_come_and_go_no_more_are_kept_than_can_be() {
+        let (mut tlog, mut out) = (TlogEncoder::default(), Vec::new());
+        for n in 0..1_000 {
+            tlog.received(n.into(), LinkId(n), &[STX_V2], false, &mut out);
+        }
+        assert_eq!(tlog.decoders.len(), MAX_LINKS);
+        // Who is still heard is still there.
+        assert!(tlog.decoders.iter().any(|(id, _)| *id == LinkId(999)));
     }
 
     #[test]

@@ -7,7 +7,6 @@ use super::super::{Usage, load_plan};
 use super::ground_loop::GroundLoop;
 use super::{FlyArgs, Kept, wanted};
 use anyhow::{Context as _, Result, anyhow};
-use bridge::autopilot::flight::Start;
 use bridge::autopilot::ground::{Ground, GroundConfig};
 use bridge::io::clock::{self, Clock};
 use bridge::io::endpoint::{Endpoint, EndpointError};
@@ -115,11 +114,7 @@ pub(super) fn fly_uquad(mut args: FlyArgs, stop: Stop) -> Result<ExitCode> {
         documents,
         ..
     } = Kept::open(&args)?;
-    let start = match args.start {
-        Some(StartArg::At(pose)) => Start::Known(pose),
-        Some(StartArg::Unknown) => Start::Unknown,
-        None => Start::Known(plan.home.unwrap_or_default()),
-    };
+    let start = StartArg::on(args.start, &plan);
     let clock = Clock::start(1.0);
     let boot_utc_us = clock::utc_us();
     let mut ground = Ground::new(GroundConfig {

@@ -2,6 +2,7 @@
 
 use super::super::camera::CameraArgs;
 use super::super::uquad::UquadLawArgs;
+use bridge::autopilot::flight::Start;
 use bridge::web::console;
 use clap::{Args, ValueEnum};
 use sim::{Delivery, Manner, Walker};
@@ -9,7 +10,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
-use vehicle::MapPose;
+use vehicle::{FloorPlan, MapPose};
 
 /// Simulate a drone in a room.
 #[derive(Clone, Debug, Args)]
@@ -251,6 +252,17 @@ pub(crate) enum StartArg {
     At(MapPose),
     /// Somewhere, and it does not know where.
     Unknown,
+}
+
+impl StartArg {
+    /// Where a vehicle on this plan believes to start: at home unless said otherwise.
+    pub(crate) fn on(given: Option<Self>, plan: &FloorPlan) -> Start {
+        match given {
+            Some(Self::At(pose)) => Start::Known(pose),
+            Some(Self::Unknown) => Start::Unknown,
+            None => Start::Known(plan.home.unwrap_or_default()),
+        }
+    }
 }
 
 impl FromStr for StartArg {

@@ -6,7 +6,7 @@ use crate::autopilot::keeper::Keeper;
 use crate::io::clock::Clock;
 use crate::io::realtime::Realtime;
 use crate::io::timer::AbsoluteTimer;
-use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
+use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::io;
 use std::sync::{Arc, Mutex};
@@ -67,10 +67,7 @@ pub(super) fn keeper_thread(kept: Arc<Kept>, clock: Clock) -> io::Result<()> {
                 if let Some(at) = deadline {
                     timer.set(&clock, at);
                 }
-                let mut fds = [PollFd::new(&kept.wake, PollFlags::IN), timer.poll_fd()];
-                let _ = poll(&mut fds, None);
-                let _ = rustix::io::read(&kept.wake, &mut [0u8; 8]);
-                timer.quiet();
+                timer.wait(&kept.wake, None);
             }
         })?;
     Ok(())
