@@ -70,7 +70,7 @@ class Section:
                 out.append(f"| {row['bench']} | {figures} |")
             out.append("")
         if self.text:
-            out += ["```text", *self.text, "```", ""]
+            out += ["<!-- not run: what the bench printed -->", "```text", *self.text, "```", ""]
         return "\n".join(out)
 
 
